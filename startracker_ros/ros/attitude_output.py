@@ -4,6 +4,7 @@
 """The attitude on its topics, in ICRF and with respect to J2000, the Earth and the orbit."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import (
@@ -29,7 +30,7 @@ from startracker_ros.ros.messages.attitude import (
     tracked_attitude_to_imu)
 from startracker_ros.ros.messages.geometry import vector_to_geometry
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.node import PipelineNode, publish_if_subscribed
 from startracker_ros.ros.odometry_input import OdometryInput
 
 
@@ -81,29 +82,31 @@ class AttitudeOutput:
                                      expected=not self._diagnostics.counts['attitudes'])
             return
         # First, as a control loop may depend on it.
-        self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))
-        self._pose.publish(attitude_to_pose(attitude, header))
-        self._protection.publish(Vector3Stamped(
+        publish_if_subscribed(self._quaternion, lambda: quaternion_to_message(
+            attitude.quaternion, header))
+        publish_if_subscribed(self._pose, lambda: attitude_to_pose(attitude, header))
+        publish_if_subscribed(self._protection, lambda: Vector3Stamped(
             header=sensor_header, vector=vector_to_geometry(result.protection_rad)))
-        self._transform.publish(rotation_to_transform(
+        publish_if_subscribed(self._transform, lambda: rotation_to_transform(
             attitude.quaternion, header, frames.sensor_frame_id))
-        self._imu.publish(
+        publish_if_subscribed(self._imu, lambda: (
             attitude_to_imu(attitude, sensor_header) if tracked is None else
-            tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header))
+            tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header)))
         self._body.publish(stamp_ns, attitude.quaternion)
         self._frames.publish(
             stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
         self._diagnostics.counts['attitudes'] += 1
-        self._diagnostics.values.update(_describe(attitude, result.protection_rad))
+        self._diagnostics.describe = partial(_describe, attitude, result)
         self._diagnostics.report(OK, 'publishing attitude')
 
 
-def _describe(attitude: AttitudeEstimate, protection_rad: np.ndarray) -> dict[str, str]:
+def _describe(attitude: AttitudeEstimate, result: TrustedAttitude) -> dict[str, object]:
     sigma = np.sqrt(np.diag(attitude.covariance_sensor)) / ARCSEC
     return {'stars': str(attitude.stars),
             'cross_boresight_sigma_arcsec': f'{np.hypot(*sigma[:2]) / np.sqrt(2):.2f}',
             'roll_sigma_arcsec': f'{sigma[2]:.2f}',
-            'protection_level_arcsec': ' '.join(f'{x:.2f}' for x in protection_rad / ARCSEC)}
+            'protection_level_arcsec': ' '.join(
+                f'{x:.2f}' for x in result.protection_rad / ARCSEC)}
 
 
 class FramesOutput:

@@ -49,7 +49,7 @@ class Diagnostics:
     Collects the condition, events, counters and values of one node and publishes them.
 
     The functions in checks are called before each publication; tasks are further statuses by
-    name.
+    name. describe() returns values of the newest frame: it is called for a publication only.
     """
 
     def __init__(self, node: Node, task: str, hardware_id: str) -> None:
@@ -62,6 +62,7 @@ class Diagnostics:
         self._transitions = Transitions()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
+        self.describe: Callable[[], dict[str, object]] = dict
         self.checks: list[Callable[[], None]] = []
         self.tasks: dict[str, Callable[[], TaskResult]] = {}
         self._logged_event = ''
@@ -176,6 +177,7 @@ class Diagnostics:
         """Publish the worst condition and the events since the last time, counters, values."""
         for check in self.checks:
             check()
+        self.values.update(self.describe())
         (level, message), events = self._worst, self._events
         self._worst, self._events = self._condition, []
         if events:

@@ -16,7 +16,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.memory import profile_variable
 from startracker_ros.ros.messages.compressed_image import (
     image_from_compressed, image_to_compressed)
-from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.node import PipelineNode
 from std_msgs.msg import Header
 
@@ -67,7 +67,7 @@ def subscribe_images(node: PipelineNode, on_image: Callable[[np.ndarray, Header]
             image_from_compressed(message), message.header), qos.IMAGE)
     else:
         node.subscribe(Image, options.topic, lambda message: on_image(
-            image_from_message(message), message.header), qos.IMAGE, decode=image_message_from_cdr)
+            image_from_message(message), message.header), qos.IMAGE)
 
 
 def why_images_are_missing(node: PipelineNode) -> str:

@@ -36,6 +36,7 @@ from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
 from startracker_ros.ros.memory import choose_segment
 from startracker_ros.ros.messages.rclpy_internals import take_all
+from startracker_ros.ros.messages.serialized import deserialized, is_read_here
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import exit_after, Shutdown
 from std_srvs.srv import Trigger
@@ -155,15 +156,13 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, message_type: type, topic: str, callback: Callable,
                   profile: QoSProfile, *, first: bool = False, last: bool = False,
-                  while_inactive: bool = False, decode: Callable[[bytes], Any] | None = None
-                  ) -> None:
+                  while_inactive: bool = False) -> None:
         """
         Subscribe to a topic; messages that the callback rejects are reported and counted.
 
         first: all of its messages that have come are processed before one of another topic.
         last: among several nodes of a process, after all that the attitude depends on.
         while_inactive: also in the state inactive.
-        decode: a deserialization that is faster than that of rclpy.
         """
         def guarded(message: Any) -> None:
             for take in () if first else self._take_first:
@@ -179,15 +178,16 @@ class PipelineNode(ManagedNode):
                 self.accept(topic, partial(process, message), profile.depth)
 
         def process(message: Any) -> None:
-            # Within a process messages are not serialized.
+            # Within a process messages come as they were published, serialized or not.
             self.guard(topic, lambda: callback(
-                decode(message) if decode and isinstance(message, bytes) else message))
+                deserialized(message, message_type) if isinstance(message, bytes) else message))
 
         def subscribe_dds() -> None:
             with qos.named_errors('subscription', topic):
                 # A copy: rclpy writes the overrides into the profile that it receives.
                 subscription = self.create_subscription(
-                    message_type, topic, guarded, copy(profile), raw=decode is not None,
+                    message_type, topic, guarded, copy(profile),
+                    raw=is_read_here(message_type),
                     qos_overriding_options=qos.overridable(),
                     event_callbacks=self._incompatible_publishers.callbacks(topic))
             self._subscribed[topic] = subscription
@@ -298,6 +298,12 @@ class PipelineNode(ManagedNode):
         """Rebuild a configured node; configure() builds another."""
         if self.configured:
             self.rebuild()
+
+
+def publish_if_subscribed(publisher: Any, message: Callable[[], Any]) -> None:
+    """Publish what message() returns; without a subscription it is not made."""
+    if publisher.get_subscription_count():
+        publisher.publish(message())
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:

@@ -110,7 +110,7 @@ class GyroOutput:
         self._index = newest
 
 
-def _stars_message(frame: Frame, camera: Camera, header: Header) -> PointCloud2:
+def _stars_message(frame: Frame, camera: Camera, header: Header) -> bytes:
     count = len(frame.stars)
     exact = Centroids(uv=frame.stars.uv, flux=frame.flux_dn, snr=np.full(count, np.nan),
                       sigma_px=np.zeros(count))

@@ -17,13 +17,13 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTracker
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
-from startracker_ros.ros.diagnostics import OK, status_message, WARN
+from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_to_message
-from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
 from std_msgs.msg import Header
@@ -73,11 +73,10 @@ class TrackerStateOutput:
         level = OK if tracker.state is TrackerState.TRACKING else WARN
         self._has_tracked |= level == OK
         values = {**tracker_state_values(tracker), **self._blinding}
-        status = status_message(
-            NAME, self._node.hardware_id, level, tracker.state.value, values)
-        self._state.publish(status)
-        self._status.publish(DiagnosticArray(
-            header=make_header(self._newest_ns, self._node.sensor_frame_id), status=[status]))
+        status = level[0], NAME, tracker.state.value, self._node.hardware_id, values
+        self._state.publish(cdr.status(*status))
+        self._status.publish(cdr.status_array(
+            self._newest_ns, self._node.sensor_frame_id, *status))
         diagnostics.values.update(values)
         if tracker.contradiction:
             diagnostics.counts['contradictory frames'] += 1

@@ -130,12 +130,13 @@ class Sky:
 
     def frame(self, count):
         """Send the brightest stars and return how many are identified."""
-        message = centroids_to_message(self.stars.select(slice(count)), CAMERA, self.header())
+        header = self.header()
+        message = centroids_to_message(self.stars.select(slice(count)), CAMERA, header)
         before = len(self.probe.received['stars'])
         cloud = self.probe.send_until(
             lambda: self.centroids.publish(message), lambda: next(
                 (cloud for cloud in self.probe.received['stars'][before:]
-                 if cloud.header.stamp == message.header.stamp), None), 'an answer')
+                 if cloud.header.stamp == header.stamp), None), 'an answer')
         self.index += 1
         return len(identified_hip(cloud))
 

@@ -45,6 +45,7 @@ def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     assert (times_ms > 0).all() and times_ms.max() < whole_ms
     np.testing.assert_allclose(times_ms.sum(axis=0), result.total_ms)
     assert len(result.camera_rate_ms) > 0 and (result.camera_rate_ms > 0).all()
+    assert 0 < result.cpu_percent < 200
     assert result.highest_hz in (0, 5, 10, 20)
 
 

@@ -5,13 +5,14 @@
 
 from dataclasses import fields, replace
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.centroid.centroids import Centroids
@@ -19,16 +20,20 @@ from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
     PREDICTION_DTYPE, read_cloud)
+from startracker_ros.ros.diagnostics import status_message, WARN
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_from_message, centroids_to_message, cloud_to_message,
     predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
+from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
+from startracker_ros.ros.messages.serialized import deserialized
 
 CAMERA = Camera(640, 480, 3000.0, 3010.0, 320.0, 239.0, (-0.1, 0.01, 1e-3, 2e-3, 0.0))
 HEADER = make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')
@@ -67,7 +72,7 @@ def test_what_is_not_little_endian_is_left_to_rclpy():
     other[1] = 0
     for place in (4, 8, 12, 20, 24, 28, 36, 40):
         other[place:place + 4] = other[place:place + 4][::-1]
-    assert image_message_from_cdr(bytes(other)).width == 2
+    assert deserialized(bytes(other), Image).width == 2
 
 
 def test_stamps_are_whole_nanoseconds():
@@ -82,6 +87,45 @@ def test_camera_info():
     message.d = [0.1] * 8
     with pytest.raises(CameraError, match='5 distortion terms'):
         camera_from_message(message)
+
+
+def test_camera_info_differs_in_its_stamp_only():
+    read = [deserialized(serialize_message(camera_to_message(CAMERA, header)), CameraInfo)
+            for header in (HEADER, make_header(5, 'lens'), make_header(7, 'lens'))]
+    assert read == [camera_to_message(CAMERA, header) for header in (
+        HEADER, make_header(5, 'lens'), make_header(7, 'lens'))]
+
+
+@pytest.mark.parametrize('values', [{}, {'stars': 3, 'reason': 'é'}])
+def test_a_status_is_what_rclpy_writes_and_reads(values):
+    message = status_message('star_tracker: state', 'head', WARN, 'LOST', values)
+    status = cdr.status(1, 'star_tracker: state', 'LOST', 'head', values)
+    assert deserialize_message(status, DiagnosticStatus) == message
+    assert deserialize_message(cdr.status_array(
+        1_790_000_000_123_456_789, 'star_tracker_optical_frame', 1, 'star_tracker: state', 'LOST',
+        'head', values), DiagnosticArray) == DiagnosticArray(header=HEADER, status=[message])
+    read = deserialized(status, DiagnosticStatus)
+    assert (read.level, read.name, read.message, read.hardware_id) == (
+        message.level, message.name, message.message, message.hardware_id)
+    assert [tuple(value) for value in read.values] == [
+        (value.key, value.value) for value in message.values]
+    for end in range(4, len(status) - 1):
+        with pytest.raises(MessageError, match='are no status'):
+            deserialized(status[:end], DiagnosticStatus)
+
+
+def cloud_of(data):
+    """Return the cloud of bytes, in which rclpy reads the same."""
+    cloud, message = deserialized(data, PointCloud2), deserialize_message(data, PointCloud2)
+    assert (cloud.header.stamp_ns, cloud.header.frame_id) == (
+        ns_from_stamp(message.header.stamp), message.header.frame_id)
+    assert cloud.data == bytes(message.data) and message.is_dense
+    assert message.row_step == message.width * message.point_step
+    for name in ('height', 'width', 'is_bigendian', 'point_step'):
+        assert getattr(cloud, name) == getattr(message, name), name
+    assert [(f.name, f.offset, f.datatype, 1) for f in cloud.fields] == [
+        (f.name, f.offset, f.datatype, f.count) for f in message.fields]
+    return cloud
 
 
 def some_tracks(count):
@@ -99,7 +143,7 @@ def some_tracks(count):
 @pytest.mark.parametrize('count', [0, 1, 40])
 def test_tracks(count):
     tracks = some_tracks(count)
-    again = tracks_from_message(tracks_to_message(tracks, CAMERA, HEADER))
+    again = tracks_from_message(cloud_of(tracks_to_message(tracks, CAMERA, HEADER)))
     for field in fields(Tracks):
         np.testing.assert_allclose(getattr(again, field.name), getattr(tracks, field.name),
                                    rtol=1e-6, atol=1e-6, err_msg=field.name)
@@ -110,7 +154,7 @@ def test_centroids_carry_directions_of_the_camera(count):
     rng = np.random.default_rng(2)
     centroids = Centroids(uv=rng.uniform(0, 480, (count, 2)), flux=np.linspace(9e4, 1e3, count),
                           snr=np.full(count, 30.0), sigma_px=np.full(count, 0.05))
-    cloud = centroids_to_message(centroids, CAMERA, HEADER)
+    cloud = cloud_of(centroids_to_message(centroids, CAMERA, HEADER))
     again = centroids_from_message(cloud)
     np.testing.assert_allclose(again.uv, centroids.uv, rtol=1e-6)
     rows = read_cloud(cloud, CENTROID_DTYPE)
@@ -123,7 +167,7 @@ def test_foreign_field_order_is_read_by_name():
                       ('v', 'f4'), ('u', 'f4'), ('z', 'f4'), ('y', 'f4'), ('x', 'f4')])
     rows = np.zeros(2, dtype)
     rows['u'], rows['v'], rows['flux'] = [1, 2], [3, 4], [9, 8]
-    again = centroids_from_message(cloud_to_message(rows, HEADER))
+    again = centroids_from_message(cloud_of(cloud_to_message(rows, HEADER)))
     np.testing.assert_array_equal(again.uv, [[1, 3], [2, 4]])
 
 
@@ -140,17 +184,33 @@ def test_attitude_messages_mean_what_they_say():
     np.testing.assert_allclose(
         covariance[3:, 3:], turned.as_matrix() @ attitude.covariance_sensor
         @ turned.as_matrix().T, atol=1e-15)
-    imu = attitude_to_imu(attitude, HEADER)
+    imu = deserialize_message(attitude_to_imu(attitude, HEADER), Imu)
     np.testing.assert_allclose(np.reshape(imu.orientation_covariance, (3, 3)),
                                covariance[3:, 3:], atol=1e-15)
     assert imu.angular_velocity_covariance[0] == -1
 
 
 def test_invalid_attitude_is_flagged_and_is_no_rotation():
-    imu = attitude_to_imu(None, HEADER)
-    q = imu.orientation
-    assert imu.orientation_covariance[0] == -1
-    assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 0)
+    data = attitude_to_imu(None, HEADER)
+    for imu in (deserialize_message(data, Imu), deserialized(data, Imu)):
+        q = imu.orientation
+        assert imu.orientation_covariance[0] == -1
+        assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 0)
+
+
+def test_an_imu_is_what_rclpy_writes():
+    rng = np.random.default_rng(4)
+    message = Imu(header=HEADER, orientation=quaternion_to_geometry(rng.normal(size=4)),
+                  angular_velocity=vector_to_geometry(rng.normal(size=3)),
+                  orientation_covariance=rng.normal(size=9),
+                  angular_velocity_covariance=rng.normal(size=9))
+    read = deserialized(serialize_message(message), Imu)
+    assert ns_from_stamp(read.header.stamp) == ns_from_stamp(HEADER.stamp)
+    assert read.header.frame_id == HEADER.frame_id
+    assert quaternion_to_geometry(np.array(read.orientation)) == message.orientation
+    assert vector_to_geometry(np.array(read.angular_velocity)) == message.angular_velocity
+    for name in ('orientation_covariance', 'angular_velocity_covariance'):
+        np.testing.assert_array_equal(getattr(read, name), getattr(message, name), err_msg=name)
 
 
 def test_centroids_keep_covariance_row_time_and_how_they_were_found():
@@ -158,7 +218,7 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
     centroids = Centroids(np.array([[10.0, 20.0], [30.0, 40.0]]), np.ones(2), np.ones(2),
                           np.sqrt([0.05, 0.02]), covariance, np.array([-1e-3, 2e-3]))
     for windowed in (True, False):
-        cloud = centroids_to_message(centroids, CAMERA, HEADER, windowed)
+        cloud = cloud_of(centroids_to_message(centroids, CAMERA, HEADER, windowed))
         again = centroids_from_message(cloud)
         np.testing.assert_allclose(again.covariance, covariance, rtol=1e-6)
         np.testing.assert_allclose(again.delay_s, centroids.delay_s, rtol=1e-6)
@@ -170,7 +230,7 @@ def test_targets_and_bodies_among_the_predictions_are_no_stars():
         1, np.array([[5.0, 6.0], [7.0, 8.0]]), np.zeros((2, 2)), np.array([0.1, 0.2]),
         np.array([11767, 0]), 1)
     bodies = (BodyInImage('Mars', 100.5, 50.25, 1.3, 0.5), BodyInImage('Sun', 9, 8, -26.7, 90.5))
-    message = predictions_to_message(predicted, HEADER, bodies)
+    message = cloud_of(predictions_to_message(predicted, HEADER, bodies))
     assert read_cloud(message, PREDICTION_DTYPE)['body'].tolist() == [0, 10, 3, 9]
     read = predictions_from_message(message, CAMERA)
     assert read.stars == 1 and read.hip.tolist() == [11767, 0]
@@ -178,7 +238,7 @@ def test_targets_and_bodies_among_the_predictions_are_no_stars():
     again = bodies_from_message(message)
     assert [body._replace(magnitude=0) for body in again] == [
         body._replace(magnitude=0) for body in bodies]
-    alone = predictions_to_message(None, HEADER, bodies)
+    alone = cloud_of(predictions_to_message(None, HEADER, bodies))
     assert not len(predictions_from_message(alone, CAMERA).hip)
     assert len(bodies_from_message(alone)) == 2
 
@@ -188,19 +248,22 @@ def test_predictions_of_another_camera_or_nan_are_rejected():
         5_000_000_007, np.array([[10.5, 20.25], [300.0, 100.0]]), np.array([[1.0, -2.0], [0, 3]]),
         np.array([0.1, 0.2]), np.array([71683, 24436]), 2)
     header = make_header(predicted.stamp_ns, 'star_tracker_optical_frame')
-    again = predictions_from_message(predictions_to_message(predicted, header), CAMERA)
+    again = predictions_from_message(cloud_of(
+        predictions_to_message(predicted, header)), CAMERA)
     for field in fields(PredictedCentroids):
         np.testing.assert_allclose(getattr(again, field.name), getattr(predicted, field.name),
                                    rtol=1e-6)
-    assert not predictions_from_message(predictions_to_message(None, HEADER), CAMERA).stars
+    nothing = cloud_of(predictions_to_message(None, HEADER))
+    assert not predictions_from_message(nothing, CAMERA).stars
     # Stars of a tracker that does not number them, after a target: stars come first.
     mixed = replace(predicted, hip=np.zeros(2, int), stars=1)
-    message = predictions_to_message(mixed, header)
-    message.data = message.data[message.point_step:] + message.data[:message.point_step]
+    message = cloud_of(predictions_to_message(mixed, header))
+    message = message._replace(
+        data=message.data[message.point_step:] + message.data[:message.point_step])
     read = predictions_from_message(message, CAMERA)
     assert read.stars == 1
     np.testing.assert_allclose(read.uv, predicted.uv)
     for uv, text in (([1e5, 3.0], 'another camera'), ([np.nan, 3.0], 'not finite')):
         wrong = replace(predicted, uv=np.array([[10.0, 20.0], uv]))
         with pytest.raises(MessageError, match=text):
-            predictions_from_message(predictions_to_message(wrong, header), CAMERA)
+            predictions_from_message(cloud_of(predictions_to_message(wrong, header)), CAMERA)

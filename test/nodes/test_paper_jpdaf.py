@@ -30,6 +30,7 @@ from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_to_message, stars_to_message)
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.serialized import deserialized
 import yaml
 
 FILE = Path(__file__).parents[2] / 'config' / 'paper_jpdaf.yaml'
@@ -78,9 +79,10 @@ def by_the_core(sent, chosen):
         tracker.add_rate(frame.stamp_ns, rate_from_imu(frame.imu))
     found = []
     for k, frame in enumerate(sent):
-        tracker.update(frame.stamp_ns, centroids_from_message(frame.centroids))
+        tracker.update(frame.stamp_ns, centroids_from_message(
+            deserialized(frame.centroids, PointCloud2)))
         if k < 2:
-            rows = read_cloud(frame.stars, STAR_DTYPE)
+            rows = read_cloud(deserialized(frame.stars, PointCloud2), STAR_DTYPE)
             tracker.identified(frame.stamp_ns, centroids_from_rows(rows), rows['hip'])
         found.append(None if tracker.attitude is None or k < 2
                      else tracker.attitude.attitude.quaternion)

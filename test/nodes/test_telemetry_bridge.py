@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, Temperature
 from skies import FRAME
 from startracker_ros.core.attitude.result import AttitudeEstimate
@@ -45,12 +46,13 @@ def bridge(shared_rig: Rig, receiver: socket.socket) -> Rig:
     return shared_rig
 
 
-def imu(number: int, q: np.ndarray | None = Q) -> Imu:
+def imu(number: int, q: np.ndarray | None = Q) -> Imu | bytes:
     header = make_header(START_NS + number * STEP_NS, FRAME)
     if q is None:
         return attitude_to_imu(None, header)
     attitude = AttitudeEstimate(Q, np.diag(SIGMA ** 2), 5, np.zeros(5), 1.0)
-    message = tracked_attitude_to_imu(TrackedAttitude(attitude, RATE, np.eye(3)), header)
+    message = deserialize_message(tracked_attitude_to_imu(
+        TrackedAttitude(attitude, RATE, np.eye(3)), header), Imu)
     message.orientation.x = float(q[0])
     return message
 

@@ -27,7 +27,9 @@ import math
 from statistics import NormalDist
 
 import numpy as np
-from startracker_ros.core.maths.small_algebra import is_positive_definite
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.small_algebra import (
+    determinant, inverse, is_positive_definite)
 from startracker_ros.core.options import option, Options
 
 MISSED_DETECTION = 1e-4
@@ -64,26 +66,50 @@ def protection_level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.n
     left = (options.misleading_probability - three) / 3
     if left <= 0 or count < 3:
         return unbounded
-    weight = sigma_rad ** -2.0
-    each = weight[:, None, None] * (np.eye(3) - sensor[:, :, None] * sensor[:, None])
-    F = each.sum(axis=0)
-    without = F - each
-    # Without the star the rotation about another one is not observable.
-    if np.linalg.det(without).min() <= 1e-9 * np.linalg.det(F):
+    separation, more = _without_each(sensor, sigma_rad ** -2.0, residual_rad)
+    if not len(separation):
         return unbounded
-    inverse = np.linalg.inv(without)
-    # Of a row a: |a x p|^2 = a^2 - (a p)^2.
-    across = (inverse ** 2).sum(axis=2) - (inverse @ sensor[:, :, None])[..., 0] ** 2
-    separation = (residual_rad * weight)[:, None] * np.sqrt(np.maximum(across, 0.0))
     variance = np.diagonal(covariance)
-    more = np.maximum(
-        np.diagonal(inverse, axis1=1, axis2=2) - np.diagonal(np.linalg.inv(F)), 0.0)
     pair, pair_more = (np.sort(values, axis=0)[-2:].sum(axis=0) for values in (separation, more))
     levels = [_sigmas(left) * np.sqrt(variance)[None],
               separation + _sigmas(left / one) * np.sqrt(variance + more)]
     if two > left:
         levels.append((pair + _sigmas(left / two) * np.sqrt(variance + pair_more))[None])
     return np.vstack(levels).max(axis=0)
+
+
+@compiled
+def _without_each(sensor: np.ndarray, weight: np.ndarray, residual_rad: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return |x - x_i| (N, 3) of each star, and the diagonal (N, 3) of (F - F_i)^-1 - F^-1.
+
+    Both are empty where the attitude is not observable without a star.
+    """
+    count, F = len(sensor), np.zeros((3, 3))
+    for i in range(count):
+        F += _information(sensor[i], weight[i])
+    smallest, all_stars = 1e-9 * determinant(F), inverse(F)
+    separation, more = np.empty((count, 3)), np.empty((count, 3))
+    for i in range(count):
+        p, without = sensor[i], F - _information(sensor[i], weight[i])
+        if determinant(without) <= smallest:
+            return np.empty((0, 3)), np.empty((0, 3))
+        A = inverse(without)
+        for axis in range(3):
+            a = A[axis]
+            along = a[0] * p[0] + a[1] * p[1] + a[2] * p[2]
+            # |a x p|^2 = a^2 - (a p)^2.
+            across = a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - along * along
+            separation[i, axis] = residual_rad[i] * weight[i] * np.sqrt(max(across, 0.0))
+            more[i, axis] = max(A[axis, axis] - all_stars[axis, axis], 0.0)
+    return separation, more
+
+
+@compiled
+def _information(p: np.ndarray, weight: float) -> np.ndarray:
+    """Return w (I - p p^T)."""
+    return weight * (np.eye(3) - np.outer(p, p))
 
 
 def _sigmas(probability: float) -> float:

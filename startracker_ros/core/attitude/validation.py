@@ -161,7 +161,8 @@ class AttitudeValidator:
             self, covariance: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
             residual_px: np.ndarray, options: ProtectionOptions) -> np.ndarray:
         # A centroid further away is none of the star, and was not used.
-        away_px = np.minimum(np.nan_to_num(residual_px), OUTLIER_SIGMA * sigma_px)
+        away_px = np.minimum(np.where(np.isnan(residual_px), 0.0, residual_px),
+                             OUTLIER_SIGMA * sigma_px)
         pixel_rad = self._camera.pixel_rad
         return protection_level(covariance, self._camera.unproject(uv), sigma_px * pixel_rad,
                                 away_px * pixel_rad, options)

@@ -189,7 +189,8 @@ class Camera:
 
     def contains(self, pixels: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
         """Return whether pixels (..., 2) are in the image, at least margin_px from its edges."""
-        u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
+        pixels = np.asarray(pixels, float)
+        u, v = pixels[..., 0], pixels[..., 1]
         return ((u >= -0.5 + margin_px) & (u <= self.width - 0.5 - margin_px)
                 & (v >= -0.5 + margin_px) & (v <= self.height - 0.5 - margin_px))
 

@@ -41,8 +41,9 @@ def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas
     fit = fit_stars(windows, start, noise)
     centroids = _centroids(fit)
     blooming_px = BLOOMING_PX * np.maximum(windows.saturated_cores() - FEW_SATURATED_PX, 0)
-    centroids = replace(centroids, sigma_px=np.hypot(centroids.sigma_px, blooming_px),
-                        covariance=ROUND)
+    if blooming_px.any():
+        centroids = replace(centroids, sigma_px=np.hypot(centroids.sigma_px, blooming_px),
+                            covariance=ROUND)
     keep = rejections.reject(
         centroids.uv, not_fitted=drifted(fit, windows) | duplicates(fit, windows),
         faint=_significance(fit) < FAINT * threshold_sigmas)

@@ -29,6 +29,7 @@ class Rejections:
         """Add spots at uv (K, 2) by reasons, each (K,) bool; return True (K,) for the others."""
         bad = np.zeros(len(uv), bool)
         for reason, spots in reasons.items():
-            self.add(reason, uv[spots & ~bad])
-            bad |= spots
+            if spots.any():
+                self.add(reason, uv[spots & ~bad])
+                bad |= spots
         return ~bad

@@ -77,12 +77,13 @@ def fit_streak(uv: np.ndarray, streak_px: np.ndarray, weight: np.ndarray,
     the image. The roll is estimated from four stars on; it is zero for fewer.
     """
     v0, u0 = (shape[0] - 1) / 2, (shape[1] - 1) / 2
-    root = np.sqrt(weight)
-    one, zero = np.ones(len(uv)), np.zeros(len(uv))
-    columns = [np.concatenate([one * root, zero]), np.concatenate([zero, one * root])]
-    if len(uv) >= 4:
-        columns.append(np.concatenate([-(uv[:, 1] - v0) * root, (uv[:, 0] - u0) * root]))
-    measured = np.concatenate([streak_px[:, 0] * root, streak_px[:, 1] * root])
-    solution = np.linalg.lstsq(np.stack(columns, -1), measured, rcond=None)[0]
-    u_px, v_px = map(float, solution[:2])
-    return Streak(u_px, v_px, float(solution[2]) if len(uv) >= 4 else 0.0, u0, v0)
+    # About the mean of the stars the roll is independent of the shift.
+    share = weight / weight.sum()
+    mean, shift = share @ uv, share @ streak_px
+    (u, v), (moved_u, moved_v) = (uv - mean).T, (streak_px - shift).T
+    spread = float(share @ (u * u + v * v))
+    roll = 0.0
+    if len(uv) >= 4 and spread > 0:
+        roll = float(share @ (u * moved_v - v * moved_u)) / spread
+    return Streak(float(shift[0] + roll * (mean[1] - v0)),
+                  float(shift[1] - roll * (mean[0] - u0)), roll, u0, v0)

@@ -54,8 +54,10 @@ class AttitudeStage:
         stamp_ns = stamp_from_epoch_year(self._epoch_year)
         solved = self.from_stars(stamp_ns, centroids, hip)
         if solved.attitude is not None:
-            self._validator.check(self.sky.at(stamp_ns), solved.attitude, centroids.uv, hip,
-                                  centroids.sigma_px, np.zeros(len(hip)))
+            checked = self._validator.check(
+                self.sky.at(stamp_ns), solved.attitude, centroids.uv, hip, centroids.sigma_px,
+                np.zeros(len(hip)))
+            _ = checked.protection_rad  # computed when it is read
         self.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None

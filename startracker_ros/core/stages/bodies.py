@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.astro.bodies import BODIES, BodiesInSky
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 
 # Of a spot from the disc of its body.
@@ -36,7 +37,8 @@ class Bodies:
 
     def in_image(self, mapping: SkyMapping) -> tuple[BodyInImage, ...]:
         """Return the bodies in the image, seen or too faint for it."""
-        if self.sky is None:
+        if self.sky is None or not self.sky.reach(
+                matrix_from_quaternion(mapping.quaternion)[:, 2], mapping.reach_rad):
             return ()
         uv, radius_px = mapping.pixels(self.sky.direction), (
             self.sky.radius_rad / mapping.camera.pixel_rad)

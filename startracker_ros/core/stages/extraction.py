@@ -12,6 +12,7 @@ from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions, Searched)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
+from startracker_ros.core.compiled import compiled
 from startracker_ros.core.options import option, Options
 
 LEAST_PREDICTED = 4
@@ -81,9 +82,7 @@ class _Expected(NamedTuple):
 
     def stars_seen(self, centroids: Centroids) -> int:
         """Return near how many of the predicted stars there is a centroid."""
-        away = self.uv[:self.stars, None] - centroids.uv
-        near = away[..., 0] ** 2 + away[..., 1] ** 2 < MAX_GATE_PX ** 2
-        return int(np.count_nonzero(near.any(axis=1)))
+        return _count_near(self.uv[:self.stars], centroids.uv, MAX_GATE_PX)
 
     def exposure_s(self, streak: Streak | None) -> float:
         """Return the time in which the stars move by a streak; 0 where it is not their motion."""
@@ -103,6 +102,19 @@ class _Expected(NamedTuple):
         """Return the time in which the motion comes nearest to a streak, or its opposite."""
         moved = _motion_px(self.motion)
         return float(_motion_px(streak) @ moved) / max(float(moved @ moved), 1e-9)
+
+
+@compiled
+def _count_near(expected: np.ndarray, uv: np.ndarray, radius_px: float) -> int:
+    """Return how many of pixels (K, 2) have another one of uv (N, 2) within a radius."""
+    count = 0
+    for i in range(len(expected)):
+        for j in range(len(uv)):
+            u, v = uv[j, 0] - expected[i, 0], uv[j, 1] - expected[i, 1]
+            if u * u + v * v < radius_px * radius_px:
+                count += 1
+                break
+    return count
 
 
 class ExtractionStage:

@@ -26,13 +26,18 @@ class SkyMapping:
     quaternion: np.ndarray
     vantage: Vantage | None = None
 
+    @property
+    def reach_rad(self) -> float:
+        """Angle from the optical axis within which directions have a pixel."""
+        return min(_BEYOND_CORNER * self.camera.corner_angle_rad, np.pi)
+
     def pixels(self, directions: np.ndarray) -> np.ndarray:
         """Return the px (N, 2) of unit vectors (N, 3), NaN for those far outside the image."""
         apparent = directions if self.vantage is None else apparent_directions(
             directions, self.vantage)
         sensor = apparent @ matrix_from_quaternion(self.quaternion)
         # Beyond the corners a distortion may fold back into the image.
-        beyond = sensor[:, 2] < np.cos(min(_BEYOND_CORNER * self.camera.corner_angle_rad, np.pi))
+        beyond = sensor[:, 2] < np.cos(self.reach_rad)
         return np.where(beyond[:, None], np.nan, self.camera.project(sensor))
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:

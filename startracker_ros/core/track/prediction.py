@@ -5,7 +5,7 @@
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.camera.lens import Lens, project
+from startracker_ros.core.camera.lens import Lens, project, shows
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.compiled import compiled
@@ -53,21 +53,39 @@ def predict_stars(stars: StarsInView, sky: ApparentCatalog, stamp_ns: int,
                   attitude: AttitudeEstimate, rate_rad_s: np.ndarray, options: TrackerOptions
                   ) -> PredictedCentroids:
     """Return the brightest stars in the image at an attitude, and how they move."""
-    most = slice(int(SPARE_STARS * options.max_stars))
-    index, sensor, uv = (column[most] for column in _in_image(
-        stars, sky, attitude, options.magnitude_limit))
-    flow = image_flows(stars.camera.lens, sensor)
-    covariance = flow @ attitude.covariance_sensor @ np.swapaxes(flow, 1, 2)
-    return PredictedCentroids(
-        stamp_ns, uv, flow @ rate_rad_s,
-        np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
-        stars.onboard.hip[index], len(uv))
-
-
-def _in_image(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
-              faintest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what stars.of() does, of the stars up to a magnitude in the image."""
     index, sensor, uv = stars.of(sky, attitude)
-    bright = np.searchsorted(stars.onboard.magnitude[index], faintest, side='right')
-    inside = stars.camera.contains(uv[:bright])
-    return index[:bright][inside], sensor[:bright][inside], uv[:bright][inside]
+    chosen, velocity, sigma_px = _brightest(
+        stars.camera.lens, stars.onboard.magnitude[index], sensor, uv, options.magnitude_limit,
+        int(SPARE_STARS * options.max_stars), np.ascontiguousarray(attitude.covariance_sensor),
+        np.ascontiguousarray(rate_rad_s))
+    return PredictedCentroids(stamp_ns, uv[chosen], velocity, sigma_px,
+                              stars.onboard.hip[index[chosen]], len(chosen))
+
+
+@compiled
+def _brightest(lens: Lens, magnitude: np.ndarray, sensor: np.ndarray, uv: np.ndarray,
+               faintest: float, most: int, covariance: np.ndarray, rate_rad_s: np.ndarray
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return which of N stars, brightest first, are in the image, their velocities and errors.
+
+    The velocities (K, 2) in px/s are J w, the errors (K,) in px per axis sqrt(tr(J P J^T) / 2), of
+    the covariance P (3, 3) of the attitude.
+    """
+    chosen, count = np.empty(most, np.int64), 0
+    for i in range(np.searchsorted(magnitude, faintest, side='right')):
+        if count < most and shows(lens, uv[i, 0], uv[i, 1]):
+            chosen[count] = i
+            count += 1
+    chosen = chosen[:count]
+    J = image_flows(lens, sensor[chosen])
+    velocity, sigma_px = np.zeros((count, 2)), np.empty(count)
+    for i in range(count):
+        trace = 0.0
+        for axis in range(2):
+            for k in range(3):
+                velocity[i, axis] += J[i, axis, k] * rate_rad_s[k]
+                for m in range(3):
+                    trace += J[i, axis, k] * covariance[k, m] * J[i, axis, m]
+        sigma_px[i] = np.sqrt(trace / 2)
+    return chosen, velocity, sigma_px

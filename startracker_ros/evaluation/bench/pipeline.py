@@ -46,12 +46,20 @@ SMALL_CAMERA = Camera.from_fov(512, 512, 12.0)
 _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200.0)}
 """p50 and p95 in ms, and images a second, at 1024 px."""
 
+_SHARE_GOALS_MS = {'processes': 2.5, 'composed': 1.5}
+_CPU_GOALS_PERCENT = {'processes': 10.0, 'composed': 5.0}
+"""The median beyond the bare transport of the same images, and the processor time at 10 Hz."""
+
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
 
 
 def _row(case: str, ours: float, unit: str, bound: str, holds: bool, peer: str = '',
          ratio: float | None = None) -> PercentileRow:
     return PercentileRow(case, ours, unit=unit, peer=peer, ratio=ratio, bound=bound, holds=holds)
+
+
+def _bounded(case: str, ours: float, unit: str, most: float) -> PercentileRow:
+    return _row(case, ours, unit, f'<= {most:g}' if np.isfinite(most) else '', ours <= most)
 
 
 @contextmanager
@@ -254,9 +262,9 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
     yield PercentileRow.of_times(
         f'{size} px: image to attitude in one process, without messages',
         core_ms(images, 12.0, EPOCH_YEAR, rate_hz=rate_hz, count=count))
+    bare_ms = crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count)
     yield PercentileRow.of_times(
-        f'{size} px: image to a process that does nothing with it',
-        crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
+        f'{size} px: image to a process that does nothing with it', bare_ms)
     for composed in (False, True):
         mode = 'composed' if composed else 'processes'
         case = f'{size} px, {mode}'
@@ -268,6 +276,13 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         yield PercentileRow.of_times(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
         yield PercentileRow.of_times(f'{case}: image to attitude at {CAMERA_RATE_HZ:g} Hz',
                                      result.camera_rate_ms)
+        # Composed with their source the stages receive an image without any transport.
+        transport_ms = result.stages_ms['transport and decoding'] if composed else bare_ms
+        share_ms = float(np.median(result.total_ms) - np.median(transport_ms))
+        yield _bounded(f'{case}: image to attitude without the transport of the image', share_ms,
+                       'ms', _SHARE_GOALS_MS[mode] if goals else np.inf)
+        yield _bounded(f'{case}: processor time of the nodes at {CAMERA_RATE_HZ:g} Hz',
+                       result.cpu_percent, '%', _CPU_GOALS_PERCENT[mode] if goals else np.inf)
         yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
                    f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
 

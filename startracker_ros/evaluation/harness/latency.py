@@ -16,11 +16,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, Imu
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.star_tracker import StarTracker
+from startracker_ros.evaluation.harness.process_sample import sample_process
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.images.images import read_image
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.messages.image import image_message_from_cdr
+from startracker_ros.ros.messages.serialized import deserialized
 from startracker_ros.ros.probe import Progress
 from startracker_ros.ros.processes import module_command, parameter_arguments
 from startracker_ros.ros.rig import Rig
@@ -57,14 +58,16 @@ class Latency:
     Latencies of frames (N,) in ms, and the highest rate at which none was lost or late.
 
     total_ms is the sum of stages_ms: transport with decoding, centroids, tracking and estimate,
-    each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ. A
-    rate is sustained when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one
-    of the _RUNS.
+    each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ, and
+    cpu_percent the processor time of the stages at that rate, in percent of a core, with that of
+    the image source where it is composed with them. A rate is sustained when one of _TRIES of
+    _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
     """
 
     total_ms: np.ndarray
     stages_ms: dict[str, np.ndarray]
     camera_rate_ms: np.ndarray
+    cpu_percent: float
     highest_hz: float
 
 
@@ -91,6 +94,7 @@ class TimedPipeline(Rig):
             self.probe.create_subscription(
                 Image, 'image_raw', self._on_serialized_image, qos.LIST, raw=True)
         groups = [(_SOURCE, *stages)] if composed else [(name,) for name in (*stages, _SOURCE)]
+        self._stages = [group[0] for group in groups if group != (_SOURCE,)]
         self.files = [log_folder / f'{group[0]}.npy' for group in groups]
         arguments = parameter_arguments({
             f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
@@ -109,9 +113,13 @@ class TimedPipeline(Rig):
         self._processed_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
 
     def _on_serialized_image(self, data: bytes) -> None:
-        stamp_ns = ns_from_stamp(image_message_from_cdr(data).header.stamp)
+        stamp_ns = ns_from_stamp(deserialized(data, Image).header.stamp)
         # The time of receipt by DDS would leave out the decoding.
         self._result_ns[stamp_ns] = self._processed_ns[stamp_ns] = time.time_ns()
+
+    def cpu_s(self) -> float:
+        """Return the processor time of the processes of the stages since their start."""
+        return sum(sample_process(self.processes.pid(name)).cpu_s for name in self._stages)
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
         """
@@ -195,7 +203,9 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
         pipeline.run(20, _WARM_UP_IMAGES)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
+        begin_s, begin_cpu_s = time.monotonic(), pipeline.cpu_s()
         camera_rate_ns, _ = pipeline.run(CAMERA_RATE_HZ, min(count, 100))
+        cpu_percent = 100 * (pipeline.cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
         runs.append(pipeline.run(rate_hz, each))
         highest_hz = _highest_rate_hz(pipeline, rate_hz, any(
             _is_sustained(processed_ns, rate_hz, each) for _, processed_ns in runs))
@@ -205,7 +215,7 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
         _since_sent_ms(run, events_ns)) if run else np.inf)
     stages_ms = _stage_times_ms(events_ns, attitude_ns)
     return Latency(np.sum(list(stages_ms.values()), axis=0), stages_ms,
-                   _since_sent_ms(camera_rate_ns, events_ns), highest_hz)
+                   _since_sent_ms(camera_rate_ns, events_ns), cpu_percent, highest_hz)
 
 
 def _highest_rate_hz(pipeline: TimedPipeline, rate_hz: float, is_sustained: bool) -> float:

@@ -43,11 +43,23 @@ class PointCloud(NamedTuple):
     data: bytes
 
 
+class Stamp(NamedTuple):
+    """A stamp with the names that messages have."""
+
+    sec: int
+    nanosec: int
+
+
 class Header(NamedTuple):
     """Stamp in ns and frame of a message."""
 
     stamp_ns: int
     frame_id: str
+
+    @property
+    def stamp(self) -> Stamp:
+        """Return the stamp as messages have it."""
+        return Stamp(*divmod(self.stamp_ns, 1_000_000_000))
 
 
 class PointField(NamedTuple):
@@ -65,6 +77,41 @@ class Quaternion(NamedTuple):
     y: float
     z: float
     w: float
+
+
+class Vector(NamedTuple):
+    """Components with the names that messages have."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Imu(NamedTuple):
+    """An Imu without its acceleration; the covariances are (9,)."""
+
+    header: Header
+    orientation: Quaternion
+    orientation_covariance: np.ndarray
+    angular_velocity: Vector
+    angular_velocity_covariance: np.ndarray
+
+
+class KeyValue(NamedTuple):
+    """A value of a status, as text."""
+
+    key: str
+    value: str
+
+
+class Status(NamedTuple):
+    """A DiagnosticStatus."""
+
+    level: bytes
+    name: str
+    message: str
+    hardware_id: str
+    values: tuple[KeyValue, ...]
 
 
 class Rates(NamedTuple):
@@ -199,11 +246,22 @@ def camera_info(stamp_ns: int, frame_id: str, camera: Camera) -> bytes:
 def status(level: int, name: str, message: str, hardware_id: str,
            values: Mapping[str, object]) -> bytes:
     """Return a DiagnosticStatus with values as text."""
-    body = _Body().raw(bytes([level])).text(name).text(message).text(hardware_id)
-    body.uints(len(values))
+    return _add_status(_Body(), level, name, message, hardware_id, values).done()
+
+
+def status_array(stamp_ns: int, frame_id: str, level: int, name: str, message: str,
+                 hardware_id: str, values: Mapping[str, object]) -> bytes:
+    """Return a DiagnosticArray of one status."""
+    return _add_status(_Body(stamp_ns, frame_id).uints(1), level, name, message, hardware_id,
+                       values).done()
+
+
+def _add_status(body: _Body, level: int, name: str, message: str, hardware_id: str,
+                values: Mapping[str, object]) -> _Body:
+    body.raw(bytes([level])).text(name).text(message).text(hardware_id).uints(len(values))
     for key, value in values.items():
         body.text(key).text(str(value))
-    return body.done()
+    return body
 
 
 # --- reading ---
@@ -258,6 +316,43 @@ def _layout(cdr: bytes, begin: int) -> _Layout:
     return layout
 
 
+def read_status(cdr: bytes) -> Status:
+    """Return a DiagnosticStatus; MessageError where the bytes are none."""
+    _check_encapsulation(cdr)
+    try:
+        name, at = _read_text(cdr, 5)
+        message, at = _read_text(cdr, at)
+        hardware_id, at = _read_text(cdr, at)
+        at, values = _aligned(at, 4), []
+        count, = _UINT.unpack_from(cdr, at)
+        at += 4
+        for _ in range(count):
+            key, at = _read_text(cdr, at)
+            value, at = _read_text(cdr, at)
+            values.append(KeyValue(key, value))
+    except (struct.error, UnicodeDecodeError, IndexError) as error:
+        raise MessageError(f'{len(cdr)} bytes are no status: {error}') from error
+    return Status(cdr[4:5], name, message, hardware_id, tuple(values))
+
+
+def _read_text(cdr: bytes, at: int) -> tuple[str, int]:
+    """Return the string from a place on, and where it ends; IndexError behind the bytes."""
+    at = _aligned(at, 4)
+    end = at + 4 + _UINT.unpack_from(cdr, at)[0]
+    if end > len(cdr):
+        raise IndexError(f'a text ends at {end}')
+    return cdr[at + 4:end - 1].decode(), end
+
+
+def read_imu(cdr: bytes) -> Imu:
+    """Return an Imu; MessageError where the bytes are none."""
+    header, doubles = _header_and_doubles(cdr, 37, 'Imu')
+    # A copy: the bytes are not aligned as compiled functions want them.
+    values = doubles[:25].copy()
+    return Imu(header, Quaternion(*values[:4].tolist()), values[4:13],
+               Vector(*values[13:16].tolist()), values[16:25])
+
+
 def read_rates(cdr: bytes) -> Rates:
     """Return header and body rate of an Imu; MessageError where the bytes are none."""
     header, doubles = _header_and_doubles(cdr, 37, 'Imu')
@@ -281,11 +376,20 @@ def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
 
 def _read_header(cdr: bytes) -> tuple[Header, int]:
     """Return the header of little-endian bytes, and where it ends."""
-    if cdr[:2] != _ENCAPSULATION[:2]:
-        raise MessageError(f'encapsulation {cdr[:4]!r} is not little-endian CDR')
+    _check_encapsulation(cdr)
     seconds, nanoseconds, size = struct.unpack_from('<iII', cdr, 4)
     end = 16 + size
     return Header(seconds * 1_000_000_000 + nanoseconds, cdr[16:end - 1].decode()), end
+
+
+def _check_encapsulation(cdr: bytes) -> None:
+    if not is_little_endian(cdr):
+        raise MessageError(f'encapsulation {cdr[:4]!r} is not little-endian CDR')
+
+
+def is_little_endian(cdr: bytes) -> bool:
+    """Return whether bytes have the encapsulation that is read here."""
+    return cdr.startswith(_ENCAPSULATION[:2])
 
 
 def _aligned(at: int, size: int) -> int:

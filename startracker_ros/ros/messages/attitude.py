@@ -3,22 +3,22 @@
 
 """The attitude as quaternion, pose with covariance, Imu and transform."""
 
-from geometry_msgs.msg import (
-    PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TransformStamped)
+from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.track.tracks import Hint, TrackedAttitude
+from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.io.bags.telemetry import unit_quaternion
-from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
+from startracker_ros.ros.messages.geometry import quaternion_to_geometry
 from std_msgs.msg import Header
 
 
-def quaternion_to_message(quaternion: np.ndarray, header: Header) -> QuaternionStamped:
-    """Return `attitude` or `truth/attitude` of q_icrf_from_sensor (4,)."""
-    return QuaternionStamped(header=header, quaternion=quaternion_to_geometry(quaternion))
+def quaternion_to_message(quaternion: np.ndarray, header: Header) -> bytes:
+    """Return the serialized `attitude` or `truth/attitude` of q_icrf_from_sensor (4,)."""
+    return cdr.quaternion_stamped(ns_from_stamp(header.stamp), header.frame_id, quaternion)
 
 
 def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
@@ -64,34 +64,30 @@ def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: st
     return unit_quaternion(message.pose.pose.orientation), covariance
 
 
-def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:
+def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> bytes:
     """
-    Return `attitude_imu`; without an attitude the covariance is -1 and the quaternion zero.
+    Return the serialized `attitude_imu`; without an attitude covariance -1, quaternion zero.
 
     A quaternion of zeros is no rotation, so that a reader who forgets to look at the
     covariance cannot take it for one.
     """
-    message = Imu(header=header)
-    message.angular_velocity_covariance[0] = -1.0
-    message.linear_acceleration_covariance[0] = -1.0
-    if attitude is None:
-        message.orientation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
-        message.orientation_covariance[0] = -1.0
-    else:
-        message.orientation = quaternion_to_geometry(attitude.quaternion)
-        message.orientation_covariance = covariance_icrf(
-            attitude.quaternion, attitude.covariance_sensor).ravel()
-    return message
+    return _imu(attitude, None, None, header)
 
 
-def tracked_attitude_to_imu(tracked: TrackedAttitude | None, header: Header) -> Imu:
-    """Return `tracked_attitude` or `attitude_imu` with the body rate on sensor axes."""
+def tracked_attitude_to_imu(tracked: TrackedAttitude | None, header: Header) -> bytes:
+    """Return `tracked_attitude` or `attitude_imu`, serialized, with the rate on sensor axes."""
     if tracked is None:
         return attitude_to_imu(None, header)
-    message = attitude_to_imu(tracked.attitude, header)
-    message.angular_velocity = vector_to_geometry(tracked.rate_rad_s)
-    message.angular_velocity_covariance = tracked.rate_covariance.ravel()
-    return message
+    return _imu(tracked.attitude, tracked.rate_rad_s, tracked.rate_covariance, header)
+
+
+def _imu(attitude: AttitudeEstimate | None, rate_rad_s: np.ndarray | None,
+         rate_covariance: np.ndarray | None, header: Header) -> bytes:
+    quaternion = None if attitude is None else attitude.quaternion
+    covariance = None if attitude is None else covariance_icrf(
+        attitude.quaternion, attitude.covariance_sensor)
+    return cdr.imu(ns_from_stamp(header.stamp), header.frame_id, quaternion, covariance,
+                   rate_rad_s, rate_covariance)
 
 
 def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
@@ -113,8 +109,8 @@ def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
         np.reshape(message.angular_velocity_covariance, (3, 3)))
 
 
-def hint_to_imu(hint: Hint, header: Header) -> Imu:
-    """Return `hint`: attitude and rate on sensor axes."""
+def hint_to_imu(hint: Hint, header: Header) -> bytes:
+    """Return the serialized `hint`: attitude and rate on sensor axes."""
     return tracked_attitude_to_imu(TrackedAttitude(
         AttitudeEstimate(hint.quaternion, hint.covariance, 0, np.empty(0), np.nan),
         hint.rate, hint.rate_covariance), header)

@@ -6,40 +6,33 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.astro.bodies import BODIES
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import (
     centroid_rows, centroids_from_rows, star_rows, track_rows)
 from startracker_ros.io.bags.layouts import (
-    CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
-    TARGET_BODY, TRACK_DTYPE)
+    CENTROID_DTYPE, MessageError, ns_from_stamp, PREDICTION_DTYPE, read_cloud, TARGET_BODY,
+    TRACK_DTYPE)
 from std_msgs.msg import Header
 
 if TYPE_CHECKING:
     from startracker_ros.core.identify.identification import Identification
 
 
-def cloud_to_message(rows: np.ndarray, header: Header) -> PointCloud2:
-    """Return the cloud of structured rows (N,)."""
-    fields = [PointField(name=name, offset=offset, count=1,
-                         datatype=POINT_FIELD_TYPES[dtype.str[1:]])
-              for name, (dtype, offset, *_) in (rows.dtype.fields or {}).items()]
-    message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
-                          is_bigendian=False, point_step=rows.dtype.itemsize,
-                          row_step=rows.nbytes, is_dense=True)
-    if len(rows):
-        message.data.frombytes(rows.tobytes())
-    return message
+def cloud_to_message(rows: np.ndarray, header: Header) -> bytes:
+    """Return the serialized cloud of structured rows (N,)."""
+    return cdr.point_cloud(ns_from_stamp(header.stamp), header.frame_id, rows)
 
 
 def centroids_to_message(centroids: Centroids, camera: Camera, header: Header,
-                         windowed: bool = False) -> PointCloud2:
-    """Return the `centroids` cloud; windowed if only predicted stars were measured."""
+                         windowed: bool = False) -> bytes:
+    """Return the serialized `centroids` cloud; windowed if only predicted stars were measured."""
     return cloud_to_message(centroid_rows(centroids, camera, windowed), header)
 
 
@@ -49,8 +42,12 @@ def centroids_from_message(message: PointCloud2) -> Centroids:
 
 
 def predictions_to_message(predicted: PredictedCentroids | None, header: Header,
-                           bodies: tuple[BodyInImage, ...] = ()) -> PointCloud2:
-    """Return the `predicted_centroids` cloud: stars and targets, none for None, and bodies."""
+                           bodies: tuple[BodyInImage, ...] = ()) -> bytes:
+    """
+    Return the serialized `predicted_centroids` cloud.
+
+    It has stars and targets, none for None, and bodies.
+    """
     count = 0 if predicted is None else len(predicted.hip)
     rows = np.zeros(count + len(bodies), PREDICTION_DTYPE)
     if predicted is not None:
@@ -98,20 +95,20 @@ def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedC
 
 
 def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
-                     residual_px: np.ndarray, camera: Camera, header: Header) -> PointCloud2:
-    """Return the `stars` cloud of centroids with a catalogue number each, 0 for none."""
+                     residual_px: np.ndarray, camera: Camera, header: Header) -> bytes:
+    """Return the serialized `stars` cloud of centroids with a catalogue number each or 0."""
     return cloud_to_message(star_rows(centroids, hip, magnitude, residual_px, camera), header)
 
 
 def identification_to_message(centroids: Centroids, identification: 'Identification',
-                              camera: Camera, header: Header) -> PointCloud2:
-    """Return the `stars` cloud of an identified frame."""
+                              camera: Camera, header: Header) -> bytes:
+    """Return the serialized `stars` cloud of an identified frame."""
     return stars_to_message(centroids, identification.hip, identification.magnitude,
                             identification.residual_px, camera, header)
 
 
-def tracks_to_message(tracks: Tracks, camera: Camera, header: Header) -> PointCloud2:
-    """Return the `tracks` cloud."""
+def tracks_to_message(tracks: Tracks, camera: Camera, header: Header) -> bytes:
+    """Return the serialized `tracks` cloud."""
     return cloud_to_message(track_rows(tracks, camera), header)
 
 

@@ -8,13 +8,10 @@ import sys
 
 from builtin_interfaces.msg import Time
 import numpy as np
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
-
-_CDR_LITTLE_ENDIAN = b'\x00\x01'
 
 
 def image_to_message(image: np.ndarray, header: Header) -> Image:
@@ -36,11 +33,8 @@ def image_message_from_cdr(data: bytes) -> Image:
     """
     Return a message that shows the pixels of a serialized one; MessageError if it is damaged.
 
-    rclpy would copy the pixels three times. Little-endian CDR (OMG DDSI-RTPS 10.2) is read here,
-    other encodings by rclpy.
+    rclpy would copy the pixels three times. The bytes are little-endian CDR (OMG DDSI-RTPS 10.2).
     """
-    if not data.startswith(_CDR_LITTLE_ENDIAN):
-        return deserialize_message(data, Image)
     try:
         sec, nanosec = struct.unpack_from('<iI', data, 4)
         frame_id, end = _cdr_string(data, 12)

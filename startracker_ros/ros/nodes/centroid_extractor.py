@@ -26,7 +26,7 @@ from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
 from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
-from startracker_ros.ros.node import main_of
+from startracker_ros.ros.node import main_of, publish_if_subscribed
 from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker
 
@@ -89,36 +89,41 @@ class CentroidExtractorNode(CameraNode):
                 f'{camera.width} x {camera.height} px')
         extraction = self._stage.extract(
             ns_from_stamp(header.stamp), image, self._predicted,
-            lost=bool(self.count_publishers('predicted_centroids')))
+            lost=self.has_publisher('predicted_centroids'))
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.windowed))
         self.defer(partial(self._report, header, image, extraction))
 
+    def _picture(self, image: np.ndarray, extraction: Extraction) -> np.ndarray:
+        """Return the image with its centroids and bodies marked."""
+        labels = Labels(image.shape, extraction.centroids.uv)
+        picture = annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv,
+                           labels=labels)
+        mark_bodies(picture, self._bodies, labels)
+        return picture
+
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""
-        if self._annotated.get_subscription_count():
-            labels = Labels(image.shape, extraction.centroids.uv)
-            picture = annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv,
-                               labels=labels)
-            mark_bodies(picture, self._bodies, labels)
-            self._annotated.publish(image_to_message(picture, header))
-        if self._markers.get_subscription_count():
-            self._markers.publish(centroids_to_image_marker(
-                extraction.centroids.uv, header))
-        found = len(extraction.centroids)
-        self.diagnostics.values.update({
-            'centroids': found,
-            'background_dn': f'{extraction.background_dn:.1f}',
-            'noise_dn': f'{extraction.noise_dn:.2f}',
-            'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}',
-            'fwhm_px': f'{FWHM_PER_SIGMA * extraction.psf_sigma_px:.2f}',
-            'streak_px': f'{extraction.streak_px:.1f}',
-            'searched': 'near predictions' if self._stage.windowed else 'whole image'})
+        publish_if_subscribed(self._annotated, lambda: image_to_message(
+            self._picture(image, extraction), header))
+        publish_if_subscribed(self._markers, lambda: centroids_to_image_marker(
+            extraction.centroids.uv, header))
+        self.diagnostics.describe = partial(_describe, extraction, self._stage.windowed)
         for reason, count in extraction.rejected.items():
             self.diagnostics.counts[f'rejected {reason}'] += count
         good = extraction.status == 'ok'
         self.diagnostics.report(OK if good else WARN,
                                 'extracting centroids' if good else extraction.reason)
+
+
+def _describe(extraction: Extraction, windowed: bool) -> dict[str, object]:
+    return {'centroids': len(extraction.centroids),
+            'background_dn': f'{extraction.background_dn:.1f}',
+            'noise_dn': f'{extraction.noise_dn:.2f}',
+            'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}',
+            'fwhm_px': f'{FWHM_PER_SIGMA * extraction.psf_sigma_px:.2f}',
+            'streak_px': f'{extraction.streak_px:.1f}',
+            'searched': 'near predictions' if windowed else 'whole image'}
 
 
 main = main_of(CentroidExtractorNode)

@@ -82,7 +82,7 @@ class StarIdentifierNode(CameraNode):
         self.sensor_frame_id = message.header.frame_id
         stamp_ns = ns_from_stamp(message.header.stamp)
         # The state that a killed tracker published last is not valid any more.
-        tracking = self._tracking and bool(self.count_publishers('tracker_state'))
+        tracking = self._tracking and self.has_publisher('tracker_state')
         # Before the centroids are read: the tracker works on them at the same time.
         if stage.is_idle(stamp_ns, tracking):
             self.diagnostics.report(OK, _IDLE)

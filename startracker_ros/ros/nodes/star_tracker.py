@@ -26,7 +26,8 @@ from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.clouds import tracks_to_message
-from startracker_ros.ros.node import main_of
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.node import main_of, publish_if_subscribed
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.star_tracker_output import (
     PredictionsOutput, TargetOutput, TrackerStateOutput)
@@ -84,16 +85,17 @@ class StarTrackerNode(CameraNode):
     def _on_centroids(self, message: PointCloud2) -> None:
         rows = read_cloud(message, CENTROID_DTYPE)
         centroids, windowed = centroids_from_rows(rows), bool(rows['directed'].any())
-        camera, header = self.camera_or_drop(), message.header
-        if camera is None or not self.in_order('centroids', header.stamp):
+        camera, stamp_ns = self.camera_or_drop(), ns_from_stamp(message.header.stamp)
+        if camera is None or not self.in_order('centroids', message.header.stamp):
             return
-        self.sensor_frame_id = header.frame_id
-        if (tracks := self._tracker.update(ns_from_stamp(header.stamp), centroids)) is None:
+        self.sensor_frame_id = message.header.frame_id
+        header = make_header(stamp_ns, self.sensor_frame_id)
+        if (tracks := self._tracker.update(stamp_ns, centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, header))
-        if self._frame_attitude.get_subscription_count():
-            self._frame_attitude.publish(attitude_to_imu(self._tracker.frame_attitude, header))
+        publish_if_subscribed(self._frame_attitude, lambda: attitude_to_imu(
+            self._tracker.frame_attitude, header))
         self._tracks.publish(tracks_to_message(tracks, camera, header))
         self.defer(partial(self._finish, header, camera, centroids, windowed))
 

@@ -46,7 +46,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import attitude_from_pose
 from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
-from startracker_ros.ros.messages.image import image_message_from_cdr
+from startracker_ros.ros.messages.serialized import deserialized
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.ros.rig import Rig
 from startracker_ros.tools.live.sky_page import PICTURE, SkyPage, THIS_MACHINE
@@ -136,7 +136,7 @@ class LiveRig(Rig):
         self._statuses.update({status.name: status for status in message.status})
 
     def _on_image(self, data: bytes) -> None:
-        self._images.append(image_message_from_cdr(data))
+        self._images.append(deserialized(data, Image))
         self.counts['frames'] += 1
 
     def _on_tracker_state(self, message: DiagnosticStatus) -> None:

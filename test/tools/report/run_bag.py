@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from sensor_msgs.msg import Imu, PointCloud2
 from skies import onboard_stars
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
@@ -29,6 +30,7 @@ from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_
 from startracker_ros.ros.messages.geometry import vector_to_geometry
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
+from std_msgs.msg import Header
 
 CAMERA = Camera.from_fov(256, 256, 15.0)
 START_NS = 1_790_000_000_250_000_000
@@ -105,6 +107,10 @@ def _serialized() -> list[tuple[int, str, type, bytes]]:
             for time_ns, topic, message in sorted(_messages(), key=lambda row: row[0])]
 
 
+def _attitude(quaternion: np.ndarray, header: Header) -> QuaternionStamped:
+    return deserialize_message(quaternion_to_message(quaternion, header), QuaternionStamped)
+
+
 def _messages() -> Iterator[tuple[int, str, Any]]:
     onboard = onboard_stars(CAMERA, 2026.5, 6.0)
     for frame in range(FRAMES):
@@ -124,19 +130,20 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
         rows = [
             ('image_raw', image_to_message(_image(uv[seen], flux), header)),
             ('camera_info', camera_to_message(CAMERA, header)),
-            ('truth/attitude', quaternion_to_message(q, inertial)),
-            ('centroids', centroids_to_message(found, CAMERA, header)),
-            ('tracks', tracks_to_message(
+            ('truth/attitude', _attitude(q, inertial)),
+            ('centroids', deserialize_message(
+                centroids_to_message(found, CAMERA, header), PointCloud2)),
+            ('tracks', deserialize_message(tracks_to_message(
                 _tracks(uv[seen], flux, onboard.hip[seen], onboard.magnitude[seen]), CAMERA,
-                header)),
+                header), PointCloud2)),
             ('tracker_state', status_message(
                 'star_tracker: state', 'st0', DiagnosticStatus.OK, state, {})),
-            ('attitude_imu', tracked_attitude_to_imu(
+            ('attitude_imu', deserialize_message(tracked_attitude_to_imu(
                 TrackedAttitude(attitude(frame), RATE_RAD_S, np.eye(3) * 1e-10)
-                if solved else None, header))]
+                if solved else None, header), Imu))]
         if solved:
             rows += [
-                ('attitude', quaternion_to_message(
+                ('attitude', _attitude(
                     # The sign of a quaternion says nothing, and may change from frame to frame.
                     attitude(frame).quaternion * (-1) ** frame, inertial)),
                 ('attitude_cov', attitude_to_pose(attitude(frame), inertial)),

@@ -14,15 +14,17 @@ from typing import Any
 from ccsds_ndm import Aem
 from click.testing import Result
 from commands import invoke
+from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pyarrow.parquet
 import pytest
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from run_bag import (
     error_arcsec, FRAMES, HOSTILE, protection_rad, START_NS, STEP_NS, UNSOLVED, write_run)
+from sensor_msgs.msg import Imu
 from startracker_ros.io.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.io.export.files import export_bag
 from startracker_ros.io.export.segments import lock_segments
@@ -57,11 +59,12 @@ def test_the_golden_file(tmp_path: Path) -> None:
         stamp_ns = GOLDEN_NS + frame * STEP_NS
         header = make_header(stamp_ns, 'icrf')
         if quaternion is None:
-            rows.append(('/attitude_imu', stamp_ns, attitude_to_imu(None, header)))
+            rows.append(('/attitude_imu', stamp_ns, deserialize_message(
+                attitude_to_imu(None, header), Imu)))
         else:
             # The same attitude twice is one epoch.
-            rows += 2 * [('/attitude', stamp_ns + 7,
-                          quaternion_to_message(quaternion, header))]
+            rows += 2 * [('/attitude', stamp_ns + 7, deserialize_message(
+                quaternion_to_message(quaternion, header), QuaternionStamped))]
     recording = load_recording(write_messages(tmp_path / 'golden', rows))
     expected = Path(__file__).with_name('golden.aem').read_text()
     assert aem_text(recording, LABELS, 1_790_000_000_500_000_000) == expected
@@ -125,8 +128,8 @@ def test_lost_messages_are_no_loss_of_lock(tmp_path: Path) -> None:
     rows = []
     for frame in (0, 1, 2, 5, 6, 7, 12, 13):
         header = make_header(START_NS + frame * STEP_NS, 'icrf')
-        rows.append(('/attitude', START_NS + frame * STEP_NS, quaternion_to_message(
-            np.array([0.0, 0.0, 0.0, 1.0]), header)))
+        rows.append(('/attitude', START_NS + frame * STEP_NS, deserialize_message(
+            quaternion_to_message(np.array([0.0, 0.0, 0.0, 1.0]), header), QuaternionStamped)))
     recording = load_recording(write_messages(tmp_path / 'gaps', rows))
     np.testing.assert_array_equal(lock_segments(recording), [0] * 6 + [1] * 2)
 
