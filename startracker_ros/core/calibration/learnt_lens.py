@@ -180,8 +180,17 @@ def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star
 
 
 def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
-    """Return how many stars may match: those of the image or of the catalogue in it."""
-    return min(len(fit.star), len(stars_in_image(*fit.lens, onboard.direction)[0]))
+    """
+    Return how many stars may match: those of the image or of the catalogue in it.
+
+    Where few spots are stars, those are the brightest of the catalogue: it counts as deep as most
+    matches are.
+    """
+    near, _ = stars_in_image(*fit.lens, onboard.direction)
+    matched = np.sort(fit.star[fit.star >= 0])
+    deepest = matched[int(_KEPT_SHARE * (len(matched) - 1))] if len(matched) else -1
+    as_bright = np.count_nonzero(near <= deepest) / _KEPT_SHARE
+    return int(min(len(fit.star), len(near), as_bright))
 
 
 def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,

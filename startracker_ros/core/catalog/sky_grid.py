@@ -143,9 +143,10 @@ def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
 
 @compiled
 def count_in_image(grid: SkyGrid, equidistant: bool, matrix: np.ndarray, chord: float,
-                   low_a: float, high_a: float, low_b: float, high_b: float) -> int:
+                   low_a: float, high_a: float, low_b: float, high_b: float,
+                   brightest: int) -> int:
     """
-    Return the number of stars in the field of view.
+    Return how many of the brightest stars, the first ones of the catalogue, are in the field.
 
     matrix (3, 3) rotates sensor vectors to the axes of the grid. The image spans low_a to high_a
     and low_b to high_b in the coordinates of lens.plane_point(), within chord of its axis.
@@ -160,6 +161,8 @@ def count_in_image(grid: SkyGrid, equidistant: bool, matrix: np.ndarray, chord: 
             row = (i * grid.cells + j) * grid.cells
             for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
                 star = grid.member[m]
+                if star >= brightest:
+                    continue
                 # Scalars: a view of a row would cost more than the arithmetic.
                 x, y, z = direction[star, 0], direction[star, 1], direction[star, 2]
                 plane_a, plane_b = plane_point(

@@ -202,9 +202,10 @@ def align(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray,
     residual = np.full(len(seen), np.nan)
     matrix = np.eye(3)
     ratio = fitted = 1.0
-    # The first radius allows for the attitude that three close stars extrapolate; used
-    # twice, because the stars found first lead to those at the far side of the image.
-    for attempt in range(4):
+    # First the scale of the base alone: where that is off, so is the attitude. The first radius
+    # then allows for the attitude that close stars extrapolate; used twice, because the stars
+    # found first lead to those at the far side of the image.
+    for attempt in range(5):
         before = matched
         sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio, matched,
                                                    sky.direction)
@@ -216,11 +217,13 @@ def align(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray,
         fitted = ratio * focal_ratio(equidistant, matrix, sensor, icrf)
         # Close stars may determine the scale less well than it was known before.
         ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
+        if attempt == 0:
+            continue
         matched, residual = _associate(sky, equidistant, matrix, seen, ratio,
-                                       3 * radius if attempt < 2 else radius)
+                                       3 * radius if attempt < 3 else radius)
         if count_matched(matched) < 4:
             return False, ratio, matched, residual, matrix
-        if attempt > 0 and _equal(matched, before):
+        if attempt > 1 and _equal(matched, before):
             # The same association with the focal length that it has led to.
             sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio,
                                                        matched, sky.direction)

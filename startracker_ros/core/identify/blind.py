@@ -84,7 +84,7 @@ _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones.
 _TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.2, False), (0.3, 0.6, 0.8, True))
 # Quads are made of so many of the brightest stars, in turn.
-_BATCHES, _MIRRORED_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12, 16)
+_BATCHES, _QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
 _MOST_CANDIDATES = 50_000  # of one look-up
 # Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
 _FLOOR_PX, _SCALE_ERROR = 1.0, 0.075
@@ -137,10 +137,10 @@ class BlindIdentifier:
         """Yield each identification of an image of shape (H, W) px."""
         yield from self._identify(lists, shape, _BATCHES)
 
-    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int]
-                          ) -> Iterator[Attempt]:
-        """Yield the results of a quick search in lists that are flipped from left to right."""
-        yield from self._identify(lists, shape, _MIRRORED_BATCHES)
+    def identify_quickly(self, lists: Iterable[Centroids], shape: tuple[int, int]
+                         ) -> Iterator[Attempt]:
+        """Yield the results of a short search, of an image that is probably something else."""
+        yield from self._identify(lists, shape, _QUICK_BATCHES)
 
     def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int],
                   batches: Sequence[int]) -> Iterator[Attempt]:

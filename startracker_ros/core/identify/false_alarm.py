@@ -28,6 +28,24 @@ m such numbers have a sum below x is at most P_4 = x^m / m!.
 The product P of these is combined as Fisher (1925) does it, and T candidates were tested:
 
     P_FA = min(1, T P (1 + L + L^2 / 2 + L^3 / 6)),    L = -ln P.
+
+Few stars among many false spots leave such a product little, because it counts what a search has
+tested, and all stars of the catalogue. How many wrong fields of the whole sky agree as well can be
+said beforehand. Of n spots spread over an image of A = w h, m are matched with the sum X of their
+squared residuals after attitude and focal length are fitted, and the faintest of them is the k-th
+brightest catalogue star of the field. With the focal length known to a share e there are by chance
+
+    E = C(n, m) k! / (k - m)!  4 pi / A  4 pi e  m (m - 1) (w^2 + h^2) / (12 A)
+        (pi X / A)^(m - 2) / (m - 2)!
+
+such fields: the ways to choose the spots and the stars, the independent fields of the sky, the
+volume of turn and scale, that of the similarity transforms of m points, and that of a ball of
+their 2 m - 4 residuals. E does not depend on how rich a field is, nor on how it was found. Any k
+up to the S stars of the field, any order of brightness and any m may make it small, so that
+
+    P_few = min(1, E P_3  sum_{j=m}^S m / j  (1 + ln m!)  2^(m - 4)),    m > 4,
+
+each factor being what its choice adds to the expected number below a limit.
 """
 
 import numpy as np
@@ -35,20 +53,24 @@ from startracker_ros.core.compiled import compiled
 
 # Matched stars, the brightest, whose order is tested.
 _ORDERED = 12
-# Cells along one side of a square image: 3/4 of a degree in a field of 12.
-_CELLS = 16
+CELLS = 16
+"""Cells along one side of a square image: 3/4 of a degree in a field of 12."""
+
+FEWEST = 5
+"""Matches that P_few is for at least."""
 
 
 @compiled
-def occupied_cells(seen: np.ndarray, matched: np.ndarray, area: float
+def occupied_cells(seen: np.ndarray, matched: np.ndarray, area: float, across: int
                    ) -> tuple[int, np.ndarray]:
     """
     Return how many cells of an image hold stars, and a mask (N,) of one match in each.
 
     seen (N, 2) are the stars in undistorted coordinates, brightest first; the mask is True for the
-    brightest matched star of each cell. area is that of the image in rad^2.
+    brightest matched star of each cell. area is that of the image in
+    rad^2, across how many cells are along the side of a square one.
     """
-    edge = np.sqrt(area) / _CELLS
+    edge = np.sqrt(area) / across
     count = len(seen)
     cell = np.empty((count, 2), np.int64)
     brightest = np.zeros(count, np.bool_)
@@ -132,6 +154,32 @@ def residual_probability(residual: np.ndarray, radius: float, base: int) -> floa
     for k in range(matched - base):
         bound *= x / (k + 1)
     return min(bound, 1.0)
+
+
+@compiled
+def few_star_probability(n: int, m: int, k: int, stars: int, square: float, order: float,
+                         size: tuple[float, float], scale_error: float) -> float:
+    """
+    Return P_few of m matches of n image stars, with k and S = stars catalogue stars.
+
+    square is X, order P_3, size the width and the height of the image, in undistorted coordinates.
+    """
+    if m < FEWEST or k < m:
+        return 1.0
+    width, height = size
+    area = width * height
+    expected = (4 * np.pi / area * 4 * np.pi * scale_error
+                * m * (m - 1) * (width ** 2 + height ** 2) / (12 * area))
+    for i in range(m):
+        expected *= (n - i) / (i + 1) * (k - i)
+    for i in range(m - 2):
+        expected *= np.pi * square / area / (i + 1)
+    ranks, orders = 0.0, 1.0
+    for i in range(m, max(k, stars) + 1):
+        ranks += m / i
+    for i in range(2, min(m, _ORDERED) + 1):
+        orders += np.log(i)
+    return min(1.0, expected * order * ranks * orders * 2.0 ** (m - FEWEST + 1))
 
 
 @compiled

@@ -18,12 +18,16 @@ from itertools import islice, product
 import time
 from typing import NamedTuple
 
+import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.photograph import LISTS
+from startracker_ros.core.identify.few_stars import few_stars
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.pyramid import BrightLevel, PyramidIdentifier
+from startracker_ros.core.identify.sky_triangles import sky_triangles, SkyTriangles
+from startracker_ros.core.stored_arrays import prepare
 
 
 REFERENCE_YEAR = 2015.0
@@ -58,13 +62,22 @@ STEPS = (
     Step(4.0, pixel_ratio=1.07, k1=-0.2), Step(4.0, pixel_ratio=0.935, k1=-0.2))
 # A search that succeeds mostly does so within a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
+_LONGEST_S = 0.3  # of all searches, so that an image without stars is soon left
 _BRIGHT = BrightLevel(stars_per_field=10.0, image_stars=10, triangles=60)
 # Mirrored images are named as such: the first steps, each list of stars once.
 _MIRRORED_STEPS, _MIRRORED_S = STEPS[:4], 0.004
 # No chip is as long: such an image has every other row, or binned ones, or is cropped.
 _LONG, _CHIP = 2.0, 4 / 3
-ATTEMPTS = LISTS * (len(STEPS) + 1 + len(_MIRRORED_STEPS))
-"""Identifications of one image at most, each of which may be wrong by chance."""
+ATTEMPTS = 2 * LISTS * (len(STEPS) + 1 + len(_MIRRORED_STEPS))
+"""
+Twice the identifications of one image at most, each of which may be wrong by chance.
+
+Twice, because the search for few stars may be wrong as often as all of them.
+"""
+# Lists that are searched for few stars, and so long each; the error of the lens.
+_FEW_LISTS, _FEW_S, _FEW_FLOOR_PX = 2, 0.15, 0.3
+# Images so wide, an ideal lens with fewer triangles than memory has room for.
+_FEW_DEG = 4.0, 30.0
 
 
 def chip_ratio(width: int, height: int) -> float | None:
@@ -102,7 +115,11 @@ class LadderIdentifier:
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
         self._steps: dict[Step, PyramidIdentifier] = {}
         self._databases: dict[float, PyramidIdentifier] = {}
+        self._triangles: SkyTriangles | None = None
         ratio = chip_ratio(camera.width, camera.height)
+        self._few_max = options.false_alarm_max / 2 / _FEW_LISTS
+        fov_deg = np.degrees(max(camera.fov_x_rad, camera.fov_y_rad))
+        self._seeks_few = not camera.model.equidistant and _FEW_DEG[0] <= fov_deg <= _FEW_DEG[1]
         self._order = STEPS if ratio is None else (
             STEPS[0], Step(1.0, 0.7, pixel_ratio=ratio, bright=True), *STEPS[1:])
 
@@ -115,10 +132,11 @@ class LadderIdentifier:
         """
         Yield the result of each step with each of the lists of centroids of one image.
 
-        Searches that were interrupted are repeated with more time, until time_limit_s is over.
+        Searches that were interrupted are repeated with more time, until time_limit_s or
+        _LONGEST_S is over.
         The first pass is of the first two lists.
         """
-        left_s = self._options.time_limit_s
+        left_s = min(self._options.time_limit_s, _LONGEST_S)
         # A list is made when it is first used: most images need only the first one.
         searches: Iterable[tuple[Step, Centroids]] = (
             (step, centroids) for step in self._order for centroids in islice(lists, 2))
@@ -134,6 +152,10 @@ class LadderIdentifier:
                     if attempt.identification.status == 'time_limit':
                         waiting.append((step, centroids))
             if not number:
+                for centroids in islice(lists, _FEW_LISTS if self._seeks_few else 0):
+                    attempt, spent_s = self._few(centroids)
+                    left_s -= spent_s
+                    yield attempt
                 waiting += product(self._order, islice(lists, 2, None))
             searches = waiting
 
@@ -143,6 +165,18 @@ class LadderIdentifier:
             attempt, _ = self._search(step, centroids, _MIRRORED_S)
             if attempt is not None:
                 yield attempt
+
+    def _few(self, centroids: Centroids) -> tuple[Attempt, float]:
+        """Return the result of the search for few stars, and its time in s."""
+        database = self._database(0.0)
+        if self._triangles is None:
+            self._triangles = sky_triangles(database.onboard, database.verifier.data.area)
+        prepare(self._triangles.stored)
+        start_s = time.thread_time()
+        found = few_stars(database, self._triangles.table, centroids, _FEW_FLOOR_PX,
+                          self._few_max, start_s + _FEW_S)
+        spent_s = time.thread_time() - start_s
+        return self._attempt(found, database, 0.0, centroids), spent_s
 
     def _search(self, step: Step, centroids: Centroids, time_s: float
                 ) -> tuple[Attempt | None, float]:
@@ -154,10 +188,14 @@ class LadderIdentifier:
         start_s = time.thread_time()
         found = identifier.identify_within(centroids, time_s)
         spent_s = time.thread_time() - start_s
+        return self._attempt(found, identifier, step.deeper_mag, centroids), spent_s
+
+    def _attempt(self, found: Identification, identifier: PyramidIdentifier, deeper_mag: float,
+                 centroids: Centroids) -> Attempt:
         onboard = identifier.onboard
         if found.attitude is not None:
-            onboard = self._moved.setdefault(step.deeper_mag, onboard.after(self._years))
-        return Attempt(found, identifier.camera, onboard, centroids, self.camera), spent_s
+            onboard = self._moved.setdefault(deeper_mag, onboard.after(self._years))
+        return Attempt(found, identifier.camera, onboard, centroids, self.camera)
 
     def _identifier(self, step: Step) -> PyramidIdentifier | None:
         """Return the identifier of a step, None for a lens that folds the image."""

@@ -22,7 +22,8 @@ from startracker_ros.core.catalog.sky_grid import count_in_image, count_near, Sk
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.association import align, fit
 from startracker_ros.core.identify.false_alarm import (
-    binomial_tail, fisher_combined, occupied_cells, order_probability, residual_probability)
+    binomial_tail, CELLS, fisher_combined, occupied_cells, order_probability,
+    residual_probability)
 from startracker_ros.core.identify.lens_mismatch import lens_mismatch
 from startracker_ros.core.identify.support import support, supporters
 from startracker_ros.core.maths.sorting import upper_median
@@ -202,8 +203,8 @@ def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np
         return Verification(1.0, ratio, matched, residual, matrix)
     low_a, high_a, low_b, high_b, chord = verifier.field
     in_field = count_in_image(sky, equidistant, matrix, chord, low_a / ratio, high_a / ratio,
-                              low_b / ratio, high_b / ratio)
-    cells, brightest = occupied_cells(seen, matched, area)
+                              low_b / ratio, high_b / ratio, len(sky.direction))
+    cells, brightest = occupied_cells(seen, matched, area, CELLS)
     # The stars of the base are no evidence for it.
     m = max(np.sum(brightest) - len(base), 0)
     n = max(cells - len(base), m)

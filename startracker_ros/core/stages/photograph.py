@@ -75,7 +75,7 @@ class PhotographSolver:
         height, width = image.shape
         likely_deg = LIKELY_DEG if nominal is None else float(np.degrees(max(
             nominal.fov_x_rad, nominal.fov_y_rad)))
-        searches = [_any_field(self._blind, (height, width), likely_deg),
+        searches = [_any_field(self._blind, (height, width), likely_deg, nominal is not None),
                     _any_fisheye(self._fisheye, (height, width))]
         if nominal is not None:
             searches.insert(0, self._known(nominal))
@@ -125,13 +125,15 @@ def _mirrored(detections: Detections, search: _Search, width: int) -> str:
             f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
 
-def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float) -> _Search:
-    """Return the search of an image of shape (H, W) of any field of view."""
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float,
+               given: bool) -> _Search:
+    """Return the search of an image of shape (H, W) of any field, short if one is given."""
     height, width = shape
+    identify = identifier.identify_quickly if given else identifier.identify
     return _Search(
         Camera.from_fov(width, height, likely_deg),
-        lambda lists: identifier.identify(lists, shape),
-        lambda lists: identifier.identify_mirrored(lists, shape),
+        lambda lists: identify(lists, shape),
+        lambda lists: identifier.identify_quickly(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS, '1 to 120 deg')
 
 

@@ -49,15 +49,18 @@ def test_stars_in_an_image_are_counted(directions):
     for _ in range(100):
         matrix = matrix_from_quaternion(random_attitude(rng))
         seen = CAMERA.contains(CAMERA.project(directions @ matrix))
-        count = count_in_image(grid, False, matrix, 0.2, -border, border, -border, border)
-        assert count == seen.sum()
+        for brightest in (len(directions), 1000):
+            count = count_in_image(grid, False, matrix, 0.2, -border, border, -border, border,
+                                   brightest)
+            assert count == seen[:brightest].sum()
 
 
 def test_stars_in_a_fisheye_are_counted(directions):
     camera = Camera.from_fov(600, 500, 150.0, 'equidistant')
     grid, matrix = sky_grid(directions), matrix_from_quaternion([0.1, 0.3, -0.2, 0.9])
     half = 500 / 600 * np.radians(75)
-    count = count_in_image(grid, True, matrix, 2.0, -np.radians(75), np.radians(75), -half, half)
+    count = count_in_image(grid, True, matrix, 2.0, -np.radians(75), np.radians(75), -half, half,
+                           len(directions))
     assert count == camera.contains(camera.project(directions @ matrix)).sum() > 100
 
 
