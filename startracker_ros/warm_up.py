@@ -44,8 +44,7 @@ def _work(folder: Path, modules: Iterable[str]) -> bool:
         import_module(module)
     compile_only(signatures())
     # Little of what a compilation makes is garbage before its end.
-    gc.freeze()
-    gc.set_threshold(200_000, 50, 100)
+    gc.disable()
     fork, writers = get_context('fork'), deque[Any]()
     complete = True
     for module in modules:
@@ -60,6 +59,9 @@ def _work(folder: Path, modules: Iterable[str]) -> bool:
                     print(f'{SIGNATURES.name}: {name}: {str(error).splitlines()[0]}', flush=True)
                     continue
                 results[key_of(name, arguments)] = FUNCTIONS[name].overloads[arguments]
+                # What is left is kept to the end: later collections leave it out.
+                gc.collect(0)
+                gc.freeze()
         if len(writers) >= (os.cpu_count() or 1):
             complete &= _ended(writers.popleft())
         writers.append(fork.Process(target=_write, args=(folder / code_name(module), results)))

@@ -16,6 +16,8 @@ from startracker_ros.core.machine_code import (
     calls_of, code_name, machine_code_folder, missing_modules, PACKAGE, registered_modules)
 
 _WORKER = 'STARTRACKER_COMPILES'
+# Numba tries many a signature that does not fit, and would colour the text of each such error.
+_ENVIRONMENT = {_WORKER: '1', 'NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING': '1'}
 _LOCK_PERIOD_S = 0.5
 
 Report = Callable[[str, int, int], None]
@@ -53,7 +55,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
     count, done, errors = sum(map(len, names.values())), 0, []
     command = [sys.executable, '-m', f'{PACKAGE}.warm_up', '--worker', str(folder), *names]
     worker = subprocess.Popen(
-        command, env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
+        command, env={**os.environ, **_ENVIRONMENT}, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         for line in worker.stdout or ():
