@@ -11,6 +11,7 @@ from geometry_msgs.msg import TransformStamped
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.io.bags.layouts import ns_from_stamp
@@ -49,6 +50,8 @@ class RecordingNode:
         class Recorder:
 
             def publish(self, message):
+                if isinstance(message, bytes):
+                    message = deserialize_message(message, message_type)
                 assert type(message) is message_type
                 messages.append(message)
         return Recorder()
