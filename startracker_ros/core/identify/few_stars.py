@@ -17,20 +17,19 @@ by chance: false_alarm.py.
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import plane_points
 from startracker_ros.core.catalog.sky_grid import count_in_image
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.core.identify.association import align, fit
+from startracker_ros.core.identify.association import align
 from startracker_ros.core.identify.clock import search_clock, time_is_up
 from startracker_ros.core.identify.false_alarm import (
     few_star_probability, FEWEST, occupied_cells, order_probability)
 from startracker_ros.core.identify.identification import (
-    Identification, Identifier, per_centroid, usable_stars)
+    FieldStars, Identification, Identifier, usable_stars)
 from startracker_ros.core.identify.sky_triangles import (
     cell_along, code_cell, FLATTEST, side_order, TriangleTable)
-from startracker_ros.core.identify.support import triple_product
+from startracker_ros.core.identify.support import squared_chord, triple_product
 from startracker_ros.core.identify.verification import rejected, Verification, VerifierData
 from startracker_ros.core.maths.sorting import upper_median
 
@@ -52,23 +51,16 @@ def few_stars(identifier: Identifier, table: TriangleTable, centroids: Centroids
     index, image, sigma = usable_stars(
         identifier.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
         identifier.options.max_image_stars, sigma_floor_px)
-    data, onboard = identifier.verifier.data, identifier.onboard
-    in_time, found = identify_few(table, data, image, sigma, false_alarm_max, deadline_s)
+    in_time, found = identify_few(table, identifier.verifier.data, image, sigma, false_alarm_max,
+                                  deadline_s)
     if found.false_alarm > false_alarm_max:
         status = 'no_candidate' if in_time else 'time_limit'
         return identifier.unidentified(centroids, status, f'{len(index)} spots, no few of them '
                                        'are stars', found.false_alarm)
-    quaternion, covariance, residual_rad, chi2 = fit(
-        data.sky, data.equidistant, plane_points(data.equidistant, image), sigma,
-        found.focal_ratio, found.star, found.matrix)
-    hip, magnitude, residual_px = per_centroid(
-        len(centroids), index, found.star, found.residual / identifier.camera.pixel_rad,
-        onboard.hip, onboard.magnitude)
-    count = len(residual_rad)
-    return Identification(
-        'identified', f'{count} stars', hip, magnitude, residual_px,
-        AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2), found.focal_ratio,
-        found.false_alarm)
+    return identifier.identified(
+        centroids, FieldStars(index, image, sigma, centroids.flux[index]),
+        identifier.verifier.match(
+            found, plane_points(identifier.camera.model.equidistant, image), sigma))
 
 
 class _SpotMap(NamedTuple):
@@ -175,10 +167,8 @@ def _angles(image: np.ndarray) -> np.ndarray:
     angle = np.zeros((count, count))
     for i in range(count):
         for j in range(i):
-            x, y = image[i, 0] - image[j, 0], image[i, 1] - image[j, 1]
-            z = image[i, 2] - image[j, 2]
             angle[i, j] = angle[j, i] = 2 * np.arcsin(
-                min(np.sqrt(x * x + y * y + z * z) / 2, 1.0))
+                min(np.sqrt(squared_chord(image, i, j)) / 2, 1.0))
     return angle
 
 

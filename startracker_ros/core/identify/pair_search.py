@@ -31,6 +31,7 @@ import numpy as np
 from startracker_ros.core.compiled import compiled, inlined
 from startracker_ros.core.identify.kvector import first_beyond, first_from, KVectorTable
 from startracker_ros.core.identify.pairs import PairDatabase
+from startracker_ros.core.identify.support import squared_chord
 
 # Width of a band of focal lengths to either side, as a share.
 _BAND = 0.005
@@ -85,9 +86,7 @@ def pair_level(pairs: PairDatabase, image_stars: int, triangles: int) -> PairLev
 def image_side(image: np.ndarray, sigma: np.ndarray, tolerance_sigmas: float, i: int, j: int
                ) -> Side:
     """Return the side between image stars i and j, of unit vectors (N, 3) and errors (N,) rad."""
-    x, y = image[i, 0] - image[j, 0], image[i, 1] - image[j, 1]
-    z = image[i, 2] - image[j, 2]
-    theta = 2 * np.arcsin(min(np.sqrt(x * x + y * y + z * z) / 2, 1.0))
+    theta = 2 * np.arcsin(min(np.sqrt(squared_chord(image, i, j)) / 2, 1.0))
     rho = tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
     return Side(theta, rho, theta / rho ** 2)
 

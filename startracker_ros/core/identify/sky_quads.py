@@ -23,6 +23,7 @@ import numpy as np
 from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.compiled import compiled, inlined
+from startracker_ros.core.identify.support import squared_chord
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
 
 _STEP = np.sqrt(2)
@@ -118,18 +119,18 @@ def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start
     count = 0
     for p in range(len(long)):
         a, b = long[p, 0], long[p, 1]
-        limit = _square(direction, a, b)
+        limit = squared_chord(direction, a, b)
         found = 0
         for m in range(start[a], start[a + 1]):
             c = neighbour[m]
-            if _square(direction, a, c) < limit and _square(direction, b, c) < limit:
+            if squared_chord(direction, a, c) < limit and squared_chord(direction, b, c) < limit:
                 inner[found] = c
                 found += 1
                 if found == _INNER:
                     break
         for i in range(found):
             for j in range(i):
-                if _square(direction, inner[i], inner[j]) >= limit:
+                if squared_chord(direction, inner[i], inner[j]) >= limit:
                     continue
                 for order in range(4):
                     four[order & 1], four[1 - (order & 1)] = a, b
@@ -141,13 +142,6 @@ def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start
                         count += 1
                         break
     return code[:count].copy(), quad[:count].copy(), side[:count].copy()
-
-
-@inlined
-def _square(direction: np.ndarray, a: int, b: int) -> float:
-    x, y = direction[a, 0] - direction[b, 0], direction[a, 1] - direction[b, 1]
-    z = direction[a, 2] - direction[b, 2]
-    return x * x + y * y + z * z
 
 
 @compiled
@@ -256,11 +250,11 @@ def _look_up_orders(table: QuadTable, direction: np.ndarray, stars: np.ndarray, 
     longest = 0.0
     for a in range(4):
         for b in range(a):
-            longest = max(longest, _square(direction, stars[a], stars[b]))
+            longest = max(longest, squared_chord(direction, stars[a], stars[b]))
     four, code = np.empty(4, np.int64), np.empty(4)
     for a in range(4):
         for b in range(a):
-            square = _square(direction, stars[a], stars[b])
+            square = squared_chord(direction, stars[a], stars[b])
             if square < longest * (1 - 2 * tolerance):
                 continue
             four[0], four[1] = stars[a], stars[b]

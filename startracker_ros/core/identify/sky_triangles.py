@@ -19,7 +19,7 @@ import numpy as np
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.core.identify.support import triple_product
+from startracker_ros.core.identify.support import squared_chord, triple_product
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
 
 # A star of a triangle is among so many brightest in the disc about it of the area of an image.
@@ -148,12 +148,12 @@ def _triangles(direction: np.ndarray, partner: np.ndarray, start: np.ndarray, sh
             for m in range(start[a], start[a + 1]):
                 for n in range(start[a], m):
                     b, c = partner[n], partner[m]
-                    square = _square(direction, b, c)
+                    square = squared_chord(direction, b, c)
                     if square > most_square:
                         continue
                     angle[0] = 2 * np.arcsin(np.sqrt(square) / 2)
-                    angle[1] = 2 * np.arcsin(np.sqrt(_square(direction, a, c)) / 2)
-                    angle[2] = 2 * np.arcsin(np.sqrt(_square(direction, a, b)) / 2)
+                    angle[1] = 2 * np.arcsin(np.sqrt(squared_chord(direction, a, c)) / 2)
+                    angle[2] = 2 * np.arcsin(np.sqrt(squared_chord(direction, a, b)) / 2)
                     three[0], three[1], three[2] = a, b, c
                     first, second, third = side_order(angle[0], angle[1], angle[2])
                     longest = angle[first]
@@ -170,11 +170,3 @@ def _triangles(direction: np.ndarray, partner: np.ndarray, start: np.ndarray, sh
                                                 cell_along(angle[second] / longest), turned)
                     count += 1
     return side, star, cell
-
-
-@inlined
-def _square(direction: np.ndarray, a: int, b: int) -> float:
-    """Return the squared chord between two of the directions (N, 3)."""
-    x, y = direction[a, 0] - direction[b, 0], direction[a, 1] - direction[b, 1]
-    z = direction[a, 2] - direction[b, 2]
-    return x * x + y * y + z * z

@@ -91,6 +91,14 @@ def supporters(sky: SkyGrid, image: np.ndarray, sigma: np.ndarray, base: np.ndar
     return Supporters(base, weight[:chosen], reach[:chosen], 2 * np.log(farthest / reach[:chosen]))
 
 
+@inlined
+def squared_chord(direction: np.ndarray, a: int, b: int) -> float:
+    """Return the squared chord between two of the unit vectors (N, 3)."""
+    x, y = direction[a, 0] - direction[b, 0], direction[a, 1] - direction[b, 1]
+    z = direction[a, 2] - direction[b, 2]
+    return x * x + y * y + z * z
+
+
 @compiled
 def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
     """Return a . (b x c) of three of the vectors (N, 3)."""

@@ -139,8 +139,12 @@ class Verifier:
         candidates so far.
         """
         seen = plane_points(self.data.equidistant, image)
-        result = verify(self.data, seen, sigma_rad, np.asarray(base, int), np.asarray(star, int),
-                        tested)
+        return self.match(verify(
+            self.data, seen, sigma_rad, np.asarray(base, int), np.asarray(star, int), tested),
+            seen, sigma_rad)
+
+    def match(self, result: Verification, seen: np.ndarray, sigma_rad: np.ndarray) -> Match:
+        """Return a verification of all image stars with its attitude, seen (N, 2) in the plane."""
         attitude = None
         if result.false_alarm < 1:
             quaternion, covariance, residual_rad, chi2 = fit(
