@@ -350,7 +350,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         # An interrupted callback may raise anything.
         if not shutdown.interrupts:
             raise
-        code = 0
+        code = shutdown.code
     finally:
         for node in nodes:
             node.close()
