@@ -13,6 +13,7 @@ from commands import invoke
 import cv2
 from foreign_reader import messages_by_topic, stamp_ns
 from geometry_msgs.msg import QuaternionStamped
+from limits import HANGS_S
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -22,6 +23,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.processes import claim_domain, HarnessError
 from startracker_ros.ros.rig import Rig
+from startracker_ros.tools.demos import live_demo
 from startracker_ros.tools.demos.live_demo import Demo
 
 FRAMES = 50
@@ -139,13 +141,13 @@ def test_the_picture_shows_stars_and_errors(demo):
     assert Path(output / 'logs' / 'star_tracker.log').read_text().count('TRACKING') >= 1
 
 
-def test_another_star_tracker_in_the_domain_of_the_user_is_named(tmp_path):
+def test_another_star_tracker_in_the_domain_of_the_user_is_named(tmp_path, monkeypatch):
+    # On a busy machine discovery takes longer than a demo waits; it ends with what is found.
+    monkeypatch.setattr(live_demo, '_DISCOVERY_S', HANGS_S)
     with Rig(tmp_path) as rig:
         rig.probe.create_publisher(Image, 'image_raw', qos.IMAGE)
-        done = subprocess.run(
-            [sys.executable, '-m', 'startracker_ros', 'demo', '--output', str(tmp_path / 'demo')],
-            capture_output=True, text=True, timeout=300)
-    assert done.returncode == 1
+        done = invoke('demo', '--output', str(tmp_path / 'demo'))
+    assert done.exit_code == 1
     assert '/rig publish in ROS domain' in done.stderr and 'ROS_DOMAIN_ID' in done.stderr
 
 

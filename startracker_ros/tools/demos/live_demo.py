@@ -41,7 +41,7 @@ STALL_S = 300.0
 """Time without any change after which a demo gives up: a busy machine takes minutes to start."""
 _REPORT_S = 10.0
 _FLUSHES = 2
-_DISCOVERY_S = 0.5
+_FURTHER_S, _DISCOVERY_S = 0.25, 0.5
 """Nodes of an idle machine are found within 0.25 s, those of a busy one within a second."""
 
 
@@ -284,7 +284,12 @@ def _other_nodes(topics: Sequence[str]) -> list[str]:
     try:
         node = Node('demo_looks_around', context=context, enable_rosout=False,
                     start_parameter_services=False)
-        time.sleep(_DISCOVERY_S)
+        deadline_s = time.monotonic() + _DISCOVERY_S
+        while not any(map(node.count_publishers, topics)) and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        if any(map(node.count_publishers, topics)):
+            # The other nodes of a star tracker are found soon after the first one.
+            time.sleep(_FURTHER_S)
         return sorted({name for topic in topics for name in _publishing_nodes(node, topic)})
     finally:
         rclpy.shutdown(context=context)
