@@ -286,10 +286,28 @@ def compile_only(names: Iterable[str]) -> None:
     context = cpu_target.target_context
     context.refresh()
     rtsys.initialize(context)
-    for name in FUNCTIONS.keys() - set(names):
-        # A copy: functions of one decorator share theirs.
-        compiler = FUNCTIONS[name]._compiler
-        compiler.targetoptions = {**compiler.targetoptions, 'no_cpython_wrapper': True}
+    # Nodes load machine code without it.
+    from numba.np import arrayobj
+    called = set(names)
+    kind = type(context)
+    make_wrapper = kind.create_cpython_wrapper
+
+    def make_wrapper_if_called(self: Any, library: Any, descriptor: Any, *more: Any,
+                               **options: Any) -> None:
+        if f'{descriptor.modname}.{descriptor.qualname}' in called:
+            make_wrapper(self, library, descriptor, *more, **options)
+
+    # Options of the functions would do it, too, but for callers with other options numba compiles
+    # its own functions anew.
+    kind.create_cpython_wrapper = make_wrapper_if_called
+    kind.create_cfunc_wrapper = lambda *_, **__: None
+    # The text with both shapes in the error of a wrong assignment takes more code than the rest
+    # of many a function. numba 0.61 has none.
+    if hasattr(arrayobj, 'raise_with_shape_context'):
+        shape_error: Any = cpu_target.typing_context.resolve_value_type(
+            arrayobj.raise_with_shape_context)
+        shape_error.templates = tuple(one for one in shape_error.templates
+                                      if one.metadata['target'] == 'generic')
 
     def no_executable(library: Any, descriptor: Any, environment: Environment) -> Any:
         library.finalize()

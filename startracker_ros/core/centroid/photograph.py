@@ -17,6 +17,7 @@ from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.centroid.spots import find_spots, fitted_where_close
 
 LISTS = 4
+_SPREAD_SHARE = 2.0  # of spots that are spread over the image
 _BINNED_SIDE_PX = 128  # least side of an image that is searched at half its resolution too
 
 
@@ -25,9 +26,9 @@ class Detections:
     The stars of an image (H, W) uint8 or uint16 in up to four lists, each brightest first.
 
     The lists differ in what counts as a star: a fitted point; any spot; any spot of the image at
-    half its resolution, which has no colour mosaic and less noise; a fitted point of any width or
-    streak. Each is made when it is first needed; lists without stars are left out. extraction is
-    that of the last list, once it is made, else of the first.
+    half its resolution, which has no colour mosaic and less noise, spread over the image; a fitted
+    point of any width or streak. Each is made when it is first needed; lists without stars are
+    left out. extraction is that of the last list, once it is made, else of the first.
     """
 
     def __init__(self, image: np.ndarray) -> None:
@@ -64,6 +65,7 @@ def _spots_at_half_resolution(image: np.ndarray) -> Centroids:
     blocks = image[:height, :width].reshape(height // 2, 2, width // 2, 2)
     # The sum of four, halved: the depth of the pixels stays, and so does most of the precision.
     binned = (blocks.sum((1, 3), dtype=np.uint32) // 2).astype(np.uint16)
-    spots = find_spots(binned)
+    # Where all stars are saturated, those of the blurred side of a wide lens seem the brightest.
+    spots = find_spots(binned, _SPREAD_SHARE)
     return replace(spots, uv=2 * spots.uv + 0.5, sigma_px=2 * spots.sigma_px,
                    covariance=ROUND)

@@ -6,14 +6,15 @@
 import numpy as np
 
 CELLS = 8  # along each side of the image,
-CELL_SHARE = 4  # each of which gets so many times its share of the spots
+CELL_SHARE = 4.0  # each of which gets so many times its share of the spots
 
 
-def brightest(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
+def brightest(uv: np.ndarray, shape: tuple[int, ...], most: int,
+              cell_share: float = CELL_SHARE) -> np.ndarray:
     """
     Return the indices of the first `most` positions uv (K, 2), with a quota for each cell.
 
-    No cell of the image gets more than CELL_SHARE times its share while others have any.
+    No cell of the image gets more than cell_share times its share while others have any.
     """
     if len(uv) <= most:
         return np.arange(len(uv))
@@ -22,5 +23,5 @@ def brightest(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
     first = np.searchsorted(cell[order], cell[order])
     rank = np.empty(len(uv), int)
     rank[order] = np.arange(len(uv)) - first
-    beyond = rank >= np.ceil(CELL_SHARE * most / CELLS ** 2)
+    beyond = rank >= np.ceil(cell_share * most / CELLS ** 2)
     return np.sort(np.argsort(beyond, kind='stable')[:most])

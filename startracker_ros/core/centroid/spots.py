@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from startracker_ros.core.centroid.background import measure_background, over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.quota import brightest
+from startracker_ros.core.centroid.quota import brightest, CELL_SHARE
 from startracker_ros.core.centroid.smoothing import gaussian_kernel
 from startracker_ros.core.compiled import compiled
 
@@ -30,8 +30,8 @@ _SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of t
 _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
 
-def find_spots(image: np.ndarray) -> Centroids:
-    """Return the connected spots of an image (H, W), the brightest first."""
+def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE) -> Centroids:
+    """Return the connected spots of an image (H, W), the brightest first; share as in quota.py."""
     image = readable(image)
     height, width = image.shape
     mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
@@ -49,7 +49,7 @@ def find_spots(image: np.ndarray) -> Centroids:
     centre = np.stack([np.bincount(spot, flux * x, count) / total for x in (u, v)], -1)
     chosen = chosen[np.argsort(-total[chosen], kind='stable')]
     # Letters and lit windows are bright and close together.
-    chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS)]
+    chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS, cell_share)]
     square = np.bincount(spot, flux * ((u - centre[spot, 0]) ** 2
                                         + (v - centre[spot, 1]) ** 2), count) / total / 2
     size = np.sqrt(square + 1 / 12)

@@ -168,6 +168,19 @@ def test_spots_of_any_shape_are_detected():
     assert (nearest.min(axis=0) < 3).all()
 
 
+def test_the_blurred_side_of_a_wide_lens_does_not_fill_each_list():
+    """All stars are saturated: the wide ones of one side seem the brightest."""
+    rng = np.random.default_rng(4)
+    image = rng.normal(20, 2, (600, 800))
+    spot = np.stack([rng.uniform(10, 790, 400), rng.uniform(10, 590, 400)], 1).astype(int)
+    for u, v in spot:
+        cv2.circle(image, (u, v), 4 if u < 200 else 2, 255.0, -1)
+    # No point can be fitted to saturated stars: there is no first list.
+    spots, spread, _ = Detections(image.clip(0, 255).astype(np.uint8))
+    blurred = [np.mean(one.uv[:, 0] < 200) for one in (spots, spread)]
+    assert blurred[0] > 0.9 and blurred[1] < 0.7
+
+
 def test_unreadable_images_are_named_before_they_are_decoded(tmp_path):
     huge = cv2.imencode('.png', np.zeros((4, 4), np.uint8))[1].tobytes()
     huge = huge[:16] + (25_000).to_bytes(4, 'big') + (20_000).to_bytes(4, 'big') + huge[24:]
