@@ -9,7 +9,6 @@ fit it, and a frame is identified unless the tracker tracks and no check is due.
 the same stages side by side, so theirs may use an identification some frames later.
 """
 
-from dataclasses import fields
 from typing import Any, Self
 
 import numpy as np
@@ -120,9 +119,9 @@ class StarTracker:
         if image.shape != (camera.height, camera.width):
             raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px, the camera has '
                              f'{camera.width} x {camera.height}')
-        late = self._late(stamp_ns, Centroids.empty())
-        if late is not None:
-            return late
+        late = self._late(stamp_ns)
+        if late:
+            return self._unused(stamp_ns, Centroids.empty(), late)
         extraction = self.extraction.extract(stamp_ns, image, self.tracker.predicted)
         return self._update(stamp_ns, extraction.centroids, self.extraction.windowed,
                             extraction.reason)
@@ -137,8 +136,10 @@ class StarTracker:
         if not isinstance(centroids, Centroids):
             raise ValueError(
                 f'centroids are of type {type(centroids).__name__}, must be Centroids')
-        late = self._late(stamp_ns, centroids)
-        return late or self._update(stamp_ns, centroids, windowed, '')
+        late = self._late(stamp_ns)
+        if late:
+            return self._unused(stamp_ns, centroids, late)
+        return self._update(stamp_ns, centroids, windowed, '')
 
     def identifier_is_idle(self, stamp_ns: int, windowed: bool = False) -> bool:
         """Return whether the next frame needs no identification."""
@@ -153,17 +154,20 @@ class StarTracker:
         return icrf_identification(identification, centroids, identifier.camera,
                                    self.attitude.sky.at(stamp_ns), identifier.options)
 
-    def _late(self, stamp_ns: int, centroids: Centroids) -> FrameResult | None:
-        """Return the result of a frame that is not newer; forget all if time was set back."""
+    def _late(self, stamp_ns: int) -> str:
+        """Return why a frame is not newer, empty if it is; forget all if time was set back."""
         newest_ns = self._newest_ns
         if newest_ns is not None and newest_ns - stamp_ns > RESTART_NS:
             self.reset()
         elif newest_ns is not None and stamp_ns <= newest_ns:
-            return FrameResult(
-                stamp_ns, centroids, None, Tracks.empty(), None, None, self.tracker.state,
-                f'stamp_ns = {stamp_ns} is not newer than that of the frame before, {newest_ns}')
+            return f'stamp_ns = {stamp_ns} is not newer than that of the frame before, {newest_ns}'
         self._newest_ns = stamp_ns
-        return None
+        return ''
+
+    def _unused(self, stamp_ns: int, centroids: Centroids, reason: str) -> FrameResult:
+        """Return the result of a frame that is not used."""
+        return FrameResult(stamp_ns, centroids, None, Tracks.empty(), None, None,
+                           self.tracker.state, reason)
 
     def _update(self, stamp_ns: int, centroids: Centroids, windowed: bool, extraction_reason: str
                 ) -> FrameResult:
@@ -176,9 +180,10 @@ class StarTracker:
         attitude: Attitude | None = None
         reasons = [extraction_reason]
         if trusted.attitude is not None and tracked is not None:
+            own = trusted.attitude
             attitude = Attitude(
-                **{field.name: getattr(trusted.attitude, field.name)
-                   for field in fields(trusted.attitude)},
+                quaternion=own.quaternion, covariance_sensor=own.covariance_sensor,
+                stars=own.stars, residual_rad=own.residual_rad, chi2=own.chi2,
                 stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
                 rate_covariance=tracked.rate_covariance,
                 cross_covariance=self.tracker.cross_covariance,

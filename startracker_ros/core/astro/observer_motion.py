@@ -41,9 +41,6 @@ EARTH_SIGMA_M_S = np.hypot(29.8e3, 7.9e3) / np.sqrt(3)
 
 _NO_ODOMETRY = 'no odometry'
 
-_EARTH_STEP_NS = STEP_NS
-"""The velocity of the Earth changes by 0.06 m/s in this time."""
-
 
 @dataclass(frozen=True)
 class AberrationOptions(OrbitOptions):
@@ -124,8 +121,11 @@ class ObserverMotion:
 
     def at(self, stamp_ns: int) -> Observer:
         """Return the motion of the observer at a stamp."""
-        if self._last is None or self._last[0] != stamp_ns:
-            self._last = stamp_ns, self._at(stamp_ns, self._bodies(stamp_ns))
+        # Without a velocity about the Earth it is the same until Earth and bodies have moved.
+        moves = self._newest is not None or self._velocity is not None
+        time = stamp_ns if moves else stamp_ns // STEP_NS
+        if self._last is None or self._last[0] != time:
+            self._last = time, self._at(stamp_ns, self._bodies(stamp_ns))
         return self._last[1]
 
     def geocentric(self, stamp_ns: int) -> State | None:
@@ -155,7 +155,7 @@ class ObserverMotion:
         if self._mode == 'none':
             return AT_REST._replace(bodies=bodies)
         try:
-            heliocentric_au, earth_m_s = _earth(stamp_ns // _EARTH_STEP_NS)
+            heliocentric_au, earth_m_s = _earth(stamp_ns // STEP_NS)
         except EpochError as error:
             return Observer(None, EARTH_SIGMA_M_S, 'none', str(error), True, bodies)
         reason = ''
@@ -188,7 +188,11 @@ class ObserverMotion:
 
 @lru_cache(maxsize=8)
 def _earth(step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return heliocentric position (3,) au and velocity (3,) m/s in the middle of a step."""
+    """
+    Return heliocentric position (3,) au and velocity (3,) m/s in the middle of a step.
+
+    The velocity changes by 0.06 m/s in a step.
+    """
     heliocentric_au, _, earth_m_s = earth_state(
-        epoch_year_from_stamp(step * _EARTH_STEP_NS + _EARTH_STEP_NS // 2))
+        epoch_year_from_stamp(step * STEP_NS + STEP_NS // 2))
     return heliocentric_au, earth_m_s

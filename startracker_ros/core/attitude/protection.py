@@ -23,6 +23,7 @@ Three false stars at a time are not tested: their probability is taken off first
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from statistics import NormalDist
 
@@ -59,57 +60,81 @@ def protection_level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.n
     catalogue; rejected counts stars that were found to be false. Infinite where N stars are too
     few to do without one, or so many may be false that the probability cannot be kept.
     """
-    count, unbounded = len(sensor), np.full(3, np.inf)
+    sigmas = _multipliers(len(sensor), rejected, options)
+    if sigmas is None:
+        return np.full(3, np.inf)
+    k_0, k_1, k_2 = sigmas
+    covariance, sensor, sigma_rad, residual_rad = map(
+        np.ascontiguousarray, (covariance, sensor, sigma_rad, residual_rad))
+    return _level(covariance, sensor, sigma_rad, residual_rad, k_0, k_1, k_2)
+
+
+@lru_cache(maxsize=256)
+def _multipliers(count: int, rejected: int, options: ProtectionOptions
+                 ) -> tuple[float, float, float] | None:
+    """Return k of no, one and two false stars of count, NaN if two are too rare; or None."""
     false = options.false_star_probability + MISSED_DETECTION * rejected / max(count, 1)
     one, two, three = (math.comb(count, k) * false ** k for k in (1, 2, 3))
     # Each axis has its own probability.
     left = (options.misleading_probability - three) / 3
     if left <= 0 or count < 3:
-        return unbounded
-    separation, more = _without_each(sensor, sigma_rad ** -2.0, residual_rad)
-    if not len(separation):
-        return unbounded
-    variance = np.diagonal(covariance)
-    pair, pair_more = (np.sort(values, axis=0)[-2:].sum(axis=0) for values in (separation, more))
-    levels = [_sigmas(left) * np.sqrt(variance)[None],
-              separation + _sigmas(left / one) * np.sqrt(variance + more)]
-    if two > left:
-        levels.append((pair + _sigmas(left / two) * np.sqrt(variance + pair_more))[None])
-    return np.vstack(levels).max(axis=0)
+        return None
+    return (_sigmas(left), _sigmas(left / one), _sigmas(left / two) if two > left else math.nan)
 
 
 @compiled
-def _without_each(sensor: np.ndarray, weight: np.ndarray, residual_rad: np.ndarray
-                  ) -> tuple[np.ndarray, np.ndarray]:
+def _level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.ndarray,
+           residual_rad: np.ndarray, k_0: float, k_1: float, k_2: float) -> np.ndarray:
     """
-    Return |x - x_i| (N, 3) of each star, and the diagonal (N, 3) of (F - F_i)^-1 - F^-1.
+    Return the largest bound (3,) of all hypotheses, infinite if a star cannot be done without.
 
-    Both are empty where the attitude is not observable without a star.
+    |x - x_i| is the separation, the diagonal of (F - F_i)^-1 - F^-1 what is more of the variance.
     """
     count, F = len(sensor), np.zeros((3, 3))
     for i in range(count):
-        F += _information(sensor[i], weight[i])
+        F += _information(sensor[i], sigma_rad[i])
     smallest, all_stars = 1e-9 * determinant(F), inverse(F)
-    separation, more = np.empty((count, 3)), np.empty((count, 3))
+    level, pair, pair_more = np.empty(3), np.zeros((3, 2)), np.zeros((3, 2))
+    for axis in range(3):
+        level[axis] = k_0 * math.sqrt(covariance[axis, axis])
     for i in range(count):
-        p, without = sensor[i], F - _information(sensor[i], weight[i])
-        if determinant(without) <= smallest:
-            return np.empty((0, 3)), np.empty((0, 3))
+        p, without = sensor[i], F - _information(sensor[i], sigma_rad[i])
+        # Not known is not bounded.
+        if not (determinant(without) > smallest and np.isfinite(residual_rad[i])):
+            return np.full(3, np.inf)
         A = inverse(without)
         for axis in range(3):
             a = A[axis]
             along = a[0] * p[0] + a[1] * p[1] + a[2] * p[2]
             # |a x p|^2 = a^2 - (a p)^2.
             across = a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - along * along
-            separation[i, axis] = residual_rad[i] * weight[i] * np.sqrt(max(across, 0.0))
-            more[i, axis] = max(A[axis, axis] - all_stars[axis, axis], 0.0)
-    return separation, more
+            separation = residual_rad[i] * math.sqrt(max(across, 0.0)) / sigma_rad[i] ** 2
+            more = max(a[axis] - all_stars[axis, axis], 0.0)
+            level[axis] = max(level[axis], separation
+                              + k_1 * math.sqrt(covariance[axis, axis] + more))
+            _keep_two(pair[axis], separation)
+            _keep_two(pair_more[axis], more)
+    for axis in range(3):
+        # NaN is never the larger one.
+        both = pair[axis].sum() + k_2 * math.sqrt(
+            covariance[axis, axis] + pair_more[axis].sum())
+        level[axis] = both if both > level[axis] else level[axis]
+    return level
 
 
 @compiled
-def _information(p: np.ndarray, weight: float) -> np.ndarray:
-    """Return w (I - p p^T)."""
-    return weight * (np.eye(3) - np.outer(p, p))
+def _keep_two(largest: np.ndarray, value: float) -> None:
+    """Keep the larger two (2,) of those before and a value."""
+    if value > largest[0]:
+        largest[0], largest[1] = value, largest[0]
+    elif value > largest[1]:
+        largest[1] = value
+
+
+@compiled
+def _information(p: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (I - p p^T) / sigma^2."""
+    return (np.eye(3) - np.outer(p, p)) / sigma ** 2
 
 
 def _sigmas(probability: float) -> float:
@@ -119,8 +144,14 @@ def _sigmas(probability: float) -> float:
 
 def is_covariance(covariance: np.ndarray) -> bool:
     """Return whether a matrix (3, 3) is finite, symmetric and positive definite."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = covariance.tolist()
-    symmetric = all(abs(a - b) <= 1e-6 * abs(a) + 1e-300 for a, b in (
-        (xy, yx), (xz, zx), (yz, zy)))
-    return bool(symmetric and math.isfinite(covariance.sum())
-                and is_positive_definite(np.ascontiguousarray(covariance)))
+    return _is_covariance(np.ascontiguousarray(covariance))
+
+
+@compiled
+def _is_covariance(P: np.ndarray) -> bool:
+    for i in range(3):
+        for j in range(3):
+            if not (np.isfinite(P[i, j])
+                    and abs(P[i, j] - P[j, i]) <= 1e-6 * abs(P[i, j]) + 1e-300):
+                return False
+    return is_positive_definite(P)

@@ -11,7 +11,7 @@ import numpy as np
 from startracker_ros.core.attitude.protection import (
     is_covariance, protection_level, ProtectionOptions)
 from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
-from startracker_ros.core.camera.lens import Lens, project
+from startracker_ros.core.camera.lens import Lens, project, rays, undistorted
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.compiled import compiled
@@ -160,12 +160,9 @@ class AttitudeValidator:
     def _protection_of_tracks(
             self, covariance: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
             residual_px: np.ndarray, options: ProtectionOptions) -> np.ndarray:
-        # A centroid further away is none of the star, and was not used.
-        away_px = np.minimum(np.where(np.isnan(residual_px), 0.0, residual_px),
-                             OUTLIER_SIGMA * sigma_px)
-        pixel_rad = self._camera.pixel_rad
-        return protection_level(covariance, self._camera.unproject(uv), sigma_px * pixel_rad,
-                                away_px * pixel_rad, options)
+        return protection_level(covariance, *_tracked_stars(
+            self._camera.lens, self._camera.pixel_rad,
+            *map(np.ascontiguousarray, (uv, sigma_px, residual_px))), options)
 
     def _trusted(self, attitude: AttitudeEstimate, protection: Callable[[], np.ndarray]
                  ) -> TrustedAttitude:
@@ -176,8 +173,9 @@ class AttitudeValidator:
                 None, 'the covariance of the attitude is not positive definite, its diagonal is '
                 f'{np.diag(covariance).tolist()} rad^2: its errors are not known')
         self._previous = sign_continuous(attitude.quaternion, self._previous)
-        return TrustedAttitude(
-            replace(attitude, quaternion=self._previous), 'trusted', protection)
+        if self._previous is not attitude.quaternion:
+            attitude = replace(attitude, quaternion=self._previous)
+        return TrustedAttitude(attitude, 'trusted', protection)
 
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
         return TrustedAttitude(
@@ -205,3 +203,15 @@ def star_distances(lens: Lens, quaternion: np.ndarray, icrf: np.ndarray, uv: np.
         distance[n] = np.hypot(uv[n, 0] - predicted[n, 0], uv[n, 1] - predicted[n, 1])
         square += distance[n] ** 2
     return distance, np.sqrt(square / len(uv))
+
+
+@compiled
+def _tracked_stars(lens: Lens, pixel_rad: float, uv: np.ndarray, sigma_px: np.ndarray,
+                   residual_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unit vectors (N, 3) of tracks, and errors and residuals (N,) rad of centroids."""
+    away_rad = np.empty(len(uv))
+    for n in range(len(uv)):
+        # A centroid further away is none of the star, and was not used.
+        away_px = min(residual_px[n], OUTLIER_SIGMA * sigma_px[n])
+        away_rad[n] = 0.0 if np.isnan(residual_px[n]) else away_px * pixel_rad
+    return rays(lens.equidistant, undistorted(lens, uv)), sigma_px * pixel_rad, away_rad

@@ -56,7 +56,9 @@ class Mesh(NamedTuple):
 def readable(image: np.ndarray) -> np.ndarray:
     """Return the image as compiled functions know it: uint16, in one block and read-only."""
     # One type, so that each function is compiled once. Read-only, as in images out of DDS.
-    image = np.require(image, np.uint16, ['C', 'A']).view()
+    if image.dtype != np.uint16 or not (image.flags.c_contiguous and image.flags.aligned):
+        image = np.require(image, np.uint16, ['C', 'A'])
+    image = image.view()
     image.flags.writeable = False
     return image
 
@@ -156,16 +158,19 @@ def has_changed(mesh: Mesh, image: np.ndarray, uv: np.ndarray, noise_dn: float) 
     noise_dn is that of a pixel; the level around a star is the median of a ring.
     """
     height, width = image.shape
-    around, changed = np.empty(len(_RING)), 0
+    changed, middle = 0, len(_RING) // 2
     for i in range(len(uv)):
         u, v = int(uv[i, 0]), int(uv[i, 1])
         if not (RING_PX <= u < width - RING_PX and RING_PX <= v < height - RING_PX):
             continue
-        for k in range(len(_RING)):
-            insert_sorted(around, k, float(image[v + _RING[k, 1], u + _RING[k, 0]]))
         # A slope leaves the median of a ring as it is.
         level, _ = background_at(mesh, u, v)
-        changed += abs(around[len(_RING) // 2] - level) > CHANGED_SIGMAS * noise_dn
+        darker = not_brighter = 0
+        for k in range(len(_RING)):
+            value = image[v + _RING[k, 1], u + _RING[k, 0]]
+            darker += value < level - CHANGED_SIGMAS * noise_dn
+            not_brighter += value <= level + CHANGED_SIGMAS * noise_dn
+        changed += darker > middle or not_brighter <= middle
     return changed > CHANGED_SHARE * len(uv)
 
 

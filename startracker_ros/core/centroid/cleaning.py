@@ -8,11 +8,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from startracker_ros.core.centroid.background import Mesh, over_image, pixel_noise, readable
-from startracker_ros.core.centroid.detection import Peaks
 from startracker_ros.core.centroid.frame import Frame
-from startracker_ros.core.centroid.hits import is_hit, is_storm, without_hits
+from startracker_ros.core.centroid.hits import is_storm, without_hits
 
-HIT_SHARE = 0.1  # of the peaks near predicted stars, from which on hits are taken out
 LARGE_PX = 120  # across; the longest streak of a star is shorter
 LARGE_PEAKS = 30  # on lines and discs, from which on these are taken out as a whole
 LARGE_SIGMAS = 3.0  # above the background
@@ -36,13 +34,6 @@ def find_contamination(frame: Frame) -> Contamination:
     return Contamination(
         search.too_many or is_storm(frame.image, search.peaks.uv, search.peaks.level),
         len(search.lines) + len(search.discs) >= LARGE_PEAKS)
-
-
-def are_hits(frame: Frame, peaks: Peaks, sigma_px: float) -> bool:
-    """Return whether some of the peaks of a frame near predicted stars are hits."""
-    hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
-                 sigma_px)
-    return bool(np.count_nonzero(hit) > HIT_SHARE * len(hit))
 
 
 def cleaned(image: np.ndarray, mesh: Mesh, contamination: Contamination, sigma_px: float

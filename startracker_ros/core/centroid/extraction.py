@@ -27,21 +27,21 @@ import numpy as np
 from startracker_ros.core.centroid.background import over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
-    are_hits, CLEAN, cleaned, Contamination, find_contamination)
+    CLEAN, cleaned, Contamination, find_contamination)
 from startracker_ros.core.centroid.detection import Peaks, Threshold
 from startracker_ros.core.centroid.frame import Frame, prepare
-from startracker_ros.core.centroid.hits import is_hit, is_single
+from startracker_ros.core.centroid.hits import is_hit, is_single, least_share
 from startracker_ros.core.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.core.centroid.point_stars import measure_points
 from startracker_ros.core.centroid.pointing_error import pointing_error
-from startracker_ros.core.centroid.psf import FLUX
+from startracker_ros.core.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.spots import (
     BRIGHT_SPOTS, explained_spots, find_spots, with_near_spots, with_spots)
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
-from startracker_ros.core.centroid.streak_fit import streaks_at
+from startracker_ros.core.centroid.streak_fit import ANGLE, streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.core.centroid.streak_stars import measure_streaks
 from startracker_ros.core.centroid.windowed_search import peaks_near
@@ -250,13 +250,15 @@ class CentroidExtractor:
         before, rejections = before._replace(frame=frame), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
-            peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
-                                      radius_px)
-            if not before.contamination.hits and are_hits(frame, peaks, sigma_px):
+            peaks, found, hits = peaks_near(
+                frame.image, frame.kernel, frame.mesh, self._threshold, uv, radius_px,
+                least_share(sigma_px))
+            if hits and not before.contamination.hits:
                 before = before._replace(contamination=before.contamination._replace(hits=True))
                 return self.search_near(image, uv, radius_px, before, streak)
             rejections.add('faint', uv[~found])
-            centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
+            centroids = self._measure(frame, peaks, sigma_px, rejections,
+                                      self._options.max_stars)[0]
             if before.any_shape:
                 centroids = with_near_spots(centroids, find_spots(frame.image), uv, radius_px)
             streak = None
@@ -285,8 +287,7 @@ class CentroidExtractor:
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float, most: int,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
         """Return the brightest centroids, with the delays of their rows."""
-        order = np.argsort(-centroids.flux, kind='stable')[:most]
-        centroids = centroids.select(order)
+        centroids = centroids.brightest(most)
         if self._line_time_s:
             middle = (frame.image.shape[0] - 1) / 2
             centroids = replace(
@@ -308,9 +309,9 @@ class CentroidExtractor:
                         streak: Streak | None) -> np.ndarray:
         """Return the covariance (2, 2) px^2 of the error that the brightest stars share."""
         uv = centroids.uv[:MOST_COMPARED]
-        moved_px = np.zeros((len(uv), 2)) if streak is None else streak.at(uv)
-        stars = streaks_at(uv, moved_px, sigma_px)
-        stars[:, FLUX] = centroids.flux[:MOST_COMPARED]
+        stars = np.zeros((len(uv), ANGLE + 1)) if streak is None else streaks_at(
+            uv, streak.at(uv), sigma_px)
+        stars[:, :V + 1], stars[:, FLUX], stars[:, SIGMA] = uv, centroids.flux[:len(uv)], sigma_px
         return pointing_error(
             frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 
@@ -363,18 +364,20 @@ class CentroidExtractor:
             peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
         chosen = peaks.select(brightest(peaks.uv, frame.image.shape, SPARE_PEAKS * most))
         others = Rejections()
-        centroids, smeared = self._measure(frame, chosen, sigma_px, others)
+        centroids, smeared = self._measure(
+            frame, chosen, sigma_px, others, len(chosen.uv))
         if len(centroids) < most / 2 and len(chosen.uv) < len(peaks.uv):
             # What is no star fills the list of the brightest: all peaks are fitted.
             others = Rejections()
-            centroids, smeared = self._measure(frame, peaks, sigma_px, others)
+            centroids, smeared = self._measure(
+                frame, peaks, sigma_px, others, len(peaks.uv))
         rejections.include(others)
         return centroids, smeared
 
-    def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, rejections: Rejections
-                 ) -> tuple[Centroids, bool]:
+    def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, rejections: Rejections,
+                 most: int) -> tuple[Centroids, bool]:
         return measure_points(frame, peaks, sigma_px, self._threshold.sigmas,
-                              self._options.method, self._segmentation, rejections)
+                              self._options.method, self._segmentation, rejections, most)
 
     def _other_shapes(self, frame: Frame, points: Centroids, sigma_px: float, most: int,
                       rejections: Rejections, smeared: bool

@@ -3,19 +3,13 @@
 
 """One image with its background and its peaks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.core.centroid.background import (
     has_changed, measure_background, Mesh, pixel_noise)
-from startracker_ros.core.centroid.detection import (
-    find_peaks, full_scale, Peaks, Search, Threshold)
-from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
+from startracker_ros.core.centroid.detection import find_peaks, full_scale, Search, Threshold
 from startracker_ros.core.centroid.smoothing import gaussian_kernel, Kernel
-from startracker_ros.core.centroid.windows import cut_windows, Windows
-
-RADIUS_SIGMAS = 3.5
-MIN_RADIUS_PX = 3
 
 
 @dataclass(frozen=True)
@@ -57,20 +51,9 @@ class Frame:
 
     def followed_by(self, image: np.ndarray, uv: np.ndarray, hits: bool) -> 'Frame':
         """Return the frame of a later image (H, W) with stars near uv (K, 2); see prepare()."""
-        if has_changed(self.mesh, image, uv, self.noise_dn):
-            return replace(self, image=image, mesh=_mesh(image, self.kernel, hits))
-        return replace(self, image=image)
-
-    def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
-        """Return windows for stars of this PSF sigma at K peaks, and initial parameters (K, 5)."""
-        radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
-        start = np.zeros((len(peaks.uv), 5))
-        start[:, [U, V]] = peaks.uv + peaks.top
-        start[:, FLUX] = peaks.height * 2 * np.pi * (self.kernel.sigma_px ** 2 + sigma_px ** 2)
-        start[:, SIGMA] = sigma_px
-        return cut_windows(self.image, self.mesh, peaks.uv, radius, peaks.level,
-                           (peaks.noise / self.kernel.noise_gain) ** 2,
-                           self.full_scale_dn), start
+        changed = has_changed(self.mesh, image, uv, self.noise_dn)
+        mesh = _mesh(image, self.kernel, hits) if changed else self.mesh
+        return Frame(image, self.kernel, mesh, self.search, self.full_scale_dn, self.bits)
 
 
 def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,

@@ -25,6 +25,7 @@ MAX_STEP_PX = 0.7
 MAX_SIGMA_STEP_PX = 0.3
 SIGMA_RANGE_PX = (0.2, 8.0)
 MIN_FLUX_DN = 1e-3
+ITERATIONS = 12
 CONVERGED_PX = 3e-4  # a shorter step ends the iteration
 
 
@@ -62,22 +63,17 @@ class _Work(NamedTuple):
     gradient: np.ndarray
 
 
-def fit_stars(windows: Windows, start: np.ndarray, noise: NoiseModel, *,
-              free_sigma: bool = False, iterations: int = 12) -> Fit:
+@fused
+def fit_stars(windows: Windows, start: np.ndarray, noise: NoiseModel, free: int, iterations: int
+              ) -> Fit:
     """
-    Fit all stars by Gauss-Newton from start (K, 5); sigma is free on request.
+    Fit all stars by Gauss-Newton from start (K, 5): 4 free parameters, or 5 with sigma.
 
     The weights follow the model, not the data, which would bias the flux low: with noise that
     follows the model too this is maximum likelihood. Neighbours are fitted in turns: each
-    star to the data less the others' last model.
+    star to the data less the others' last model. In the end each star is evaluated once more at
+    its last parameters.
     """
-    return _fit(windows, start, noise, 5 if free_sigma else 4, iterations)
-
-
-@fused
-def _fit(windows: Windows, start: np.ndarray, noise: NoiseModel, free: int, iterations: int
-         ) -> Fit:
-    """Iterate over all stars, then evaluate each once more at its last parameters."""
     stars, fit, work = len(start), _empty_fit(windows, start, free), _empty_work(windows, free)
     converged, lone = np.zeros(stars, np.bool_), windows.first[1:] == windows.first[:-1]
     for k in range(iterations + 1):

@@ -37,7 +37,12 @@ def is_hit(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.nd
 
     level and noise_dn (K,) are those of a background pixel.
     """
-    return _is_hit(image, uv, level, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))
+    return are_sharper(image, uv, level, noise_dn, least_share(sigma_px))
+
+
+def least_share(sigma_px: float) -> float:
+    """Return r of the narrowest stars where the median one has this PSF sigma."""
+    return _least_share(round(NARROWEST * sigma_px, 2))
 
 
 @lru_cache(maxsize=16)
@@ -57,8 +62,9 @@ def _least_share(sigma_px: float) -> float:
 
 
 @compiled
-def _is_hit(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.ndarray,
-            share: float) -> np.ndarray:
+def are_sharper(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.ndarray,
+                share: float) -> np.ndarray:
+    """Return what is_hit() does, for the least share of the third brightest neighbour."""
     hit = np.zeros(len(uv), np.bool_)
     around = np.empty(4)
     for i in range(len(uv)):
@@ -128,7 +134,7 @@ def without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, sigma_px: float
     A pixel brighter than its eight neighbours and sharper than a star of this PSF sigma gets their
     median; then the next one of the same track is the brightest.
     """
-    return _without_hits(image, mesh, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))
+    return _without_hits(image, mesh, noise_dn, least_share(sigma_px))
 
 
 @compiled

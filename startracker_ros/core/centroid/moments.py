@@ -40,21 +40,16 @@ class Segmentation(NamedTuple):
     factor: float
 
 
-def weighted_means(method: str, windows: Windows, fit: Fit, noise: NoiseModel,
+@compiled
+def weighted_means(kind: int, windows: Windows, fit: Fit, noise: NoiseModel,
                    segmentation: Segmentation) -> tuple[np.ndarray, np.ndarray]:
     """
     Return uv (K, 2) px and their 1-sigma errors (K,) px; NaN where no pixel is left.
 
-    The fitted flux of neighbours is subtracted first. The error is computed for a star of the
-    fitted flux and width: the noise of the mean together with its bias by pixels and
-    threshold, rms over the positions of the star within a pixel.
+    kind is an index of WEIGHTS. The fitted flux of neighbours is subtracted first. The error is
+    computed for a star of the fitted flux and width: the noise of the mean together with its bias
+    by pixels and threshold, rms over the positions of the star within a pixel.
     """
-    return _means(WEIGHTS.index(method), windows, fit, noise, segmentation)
-
-
-@compiled
-def _means(kind: int, windows: Windows, fit: Fit, noise: NoiseModel, segmentation: Segmentation
-           ) -> tuple[np.ndarray, np.ndarray]:
     stars, count = windows.data.shape[:2]
     uv, sigma = np.empty((stars, 2)), np.empty(stars)
     for i in range(stars):

@@ -16,6 +16,7 @@ OUTLIER = 16.0  # variances, to which a squared residual is limited
 MIN_FREE = 0.1  # share of a pixel's noise that its residual shows at least
 
 
+@reordered
 def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
                        chosen: np.ndarray) -> NoiseModel:
     """
@@ -25,13 +26,6 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
     mean background + gain flux + (model_error flux)^2. The initial gain counts as
     PRIOR_PIXELS pixels, so that one or two faint stars change nothing.
     """
-    return NoiseModel(*_refine(noise, fit, windows, chosen))
-
-
-@reordered
-def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
-            ) -> tuple[float, float]:
-    """Return the fields of NoiseModel."""
     square, flux, background = _pixels(fit, windows, chosen)
     gain, model_error, prior = noise.gain_dn, noise.model_error, noise.gain_dn
     for _ in range(ITERATIONS):
@@ -46,7 +40,7 @@ def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
             a, b, c = a + d_gain * d_gain, b + d_gain * d_error, c + d_error * d_error
             p, q = p + d_gain * excess, q + d_error * excess
         gain, model_error = _solve(a, b, c, p, q)
-    return gain, model_error
+    return NoiseModel(gain, model_error)
 
 
 @reordered

@@ -3,21 +3,26 @@
 
 """Stars that are points: fits of a Gaussian to peaks, and which of them are no stars."""
 
-from dataclasses import replace
+import math
 
 import numpy as np
-from startracker_ros.core.centroid.centroids import Centroids, ROUND
+from startracker_ros.core.centroid.background import Mesh
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.detection import Peaks
 from startracker_ros.core.centroid.frame import Frame
-from startracker_ros.core.centroid.gaussian_fit import Fit, fit_stars
-from startracker_ros.core.centroid.moments import Segmentation, weighted_means
+from startracker_ros.core.centroid.gaussian_fit import Fit, fit_stars, ITERATIONS
+from startracker_ros.core.centroid.moments import Segmentation, weighted_means, WEIGHTS
 from startracker_ros.core.centroid.noise import initial_noise_model, NoiseModel
 from startracker_ros.core.centroid.noise_fit import refine_noise_model
 from startracker_ros.core.centroid.position import drifted, duplicates
-from startracker_ros.core.centroid.psf import FLUX, U, V
+from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.core.centroid.rejection import Rejections
-from startracker_ros.core.centroid.shape import classify_shapes, lone_pixels
-from startracker_ros.core.centroid.windows import Windows
+from startracker_ros.core.centroid.shape import classify_shapes, lone_pixel, streaks
+from startracker_ros.core.centroid.smoothing import Kernel
+from startracker_ros.core.centroid.windows import (
+    cut_windows, initial_stars, saturated_core, Windows)
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.sorting import ascending_order
 
 ROUGH_ITERATIONS = 2
 EDGE_SIGMAS = 1.5  # closest distance of a star to the edge of the image, in PSF sigmas
@@ -26,72 +31,212 @@ FEW_SATURATED_PX = 4  # but each pixel more than these may have bloomed
 BLOOMING_PX = 0.02
 FAINT = 0.85  # of the threshold: the fit frees position and level too, so its SNR is lower
 MISFIT = 3.0  # standard deviations of chi-square beyond which errors are inflated
+REASONS = ('', 'edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide',
+           'not_fitted', 'faint')
+STAR, EDGE, SATURATED, HOT_PIXEL, COSMIC_RAY, ELONGATED, TOO_WIDE, NOT_FITTED, FAINT_SPOT = range(
+    len(REASONS))
+GAUSSIAN = -1  # method, beside those of the weighted means
 
 
 def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas: float,
-                   method: str, segmentation: Segmentation, rejections: Rejections
+                   method: str, segmentation: Segmentation, rejections: Rejections, most: int
                    ) -> tuple[Centroids, bool]:
-    """Fit stars of this PSF sigma to the peaks; return good ones, and whether all are smeared."""
-    windows, start = frame.windows(peaks, sigma_px)
-    keep = rejections.reject(
-        peaks.uv, edge=_border_px(frame, peaks) < np.ceil(EDGE_SIGMAS * sigma_px),
-        saturated=windows.saturated_cores() > MAX_SATURATED_PX)
-    windows, start, noise, smeared = _fit_roughly(
-        frame, windows.select(keep), start[keep], rejections)
-    fit = fit_stars(windows, start, noise)
-    centroids = _centroids(fit)
-    blooming_px = BLOOMING_PX * np.maximum(windows.saturated_cores() - FEW_SATURATED_PX, 0)
-    if blooming_px.any():
-        centroids = replace(centroids, sigma_px=np.hypot(centroids.sigma_px, blooming_px),
-                            covariance=ROUND)
-    keep = rejections.reject(
-        centroids.uv, not_fitted=drifted(fit, windows) | duplicates(fit, windows),
-        faint=_significance(fit) < FAINT * threshold_sigmas)
-    if method != 'gaussian':
-        uv, error_px = weighted_means(method, windows, fit, noise, segmentation)
-        centroids = replace(centroids, uv=uv, sigma_px=error_px, covariance=ROUND)
-        keep &= rejections.reject(uv, faint=keep & ~np.isfinite(uv[:, 0]))
-    return centroids.select(keep), smeared
-
-
-def inflation(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    """Return factors (K,) of the errors: sqrt(chi2 / dof) for a misfit beyond chance, else 1."""
-    ratio = chi2 / dof
-    return np.where(ratio > 1 + MISFIT * np.sqrt(2 / dof), np.sqrt(ratio), 1.0)
-
-
-def _fit_roughly(frame: Frame, windows: Windows, start: np.ndarray, rejections: Rejections
-                 ) -> tuple[Windows, np.ndarray, NoiseModel, bool]:
     """
-    Reject what is no star; return windows, parameters (K, 5) and noise model of the rest.
+    Fit stars of this PSF sigma to the peaks.
 
-    The last result is whether all spots are smeared.
+    Return good ones, at most so many, brightest first, and whether all are smeared.
     """
     noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
-    fit = fit_stars(windows, start, noise, iterations=ROUGH_ITERATIONS)
-    shape = classify_shapes(fit, windows)
-    keep = rejections.reject(
-        fit.parameters[:, :V + 1],
-        hot_pixel=shape.narrow & lone_pixels(windows.data), cosmic_ray=shape.narrow,
-        elongated=shape.elongated, too_wide=shape.wide, not_fitted=drifted(fit, windows))
-    noise = refine_noise_model(noise, fit, windows, keep & (windows.saturated_cores() == 0))
-    return windows.select(keep), fit.parameters[keep], noise, shape.smeared
+    kind = GAUSSIAN if method == 'gaussian' else WEIGHTS.index(method)
+    reason, where, uv, flux, snr, error_px, smeared = _measure(
+        frame.image, frame.mesh, frame.kernel, frame.full_scale_dn, peaks, noise, sigma_px,
+        FAINT * threshold_sigmas, kind, segmentation, most)
+    rejections.add_coded(REASONS, reason, where)
+    return Centroids(uv, flux, snr, error_px), smeared
 
 
-def _border_px(frame: Frame, peaks: Peaks) -> np.ndarray:
-    """Return the distance (K,) of the peaks to the edge of the image."""
-    (height, width), (u, v) = frame.image.shape, peaks.uv.T
-    return np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v))
+@compiled
+def _measure(image: np.ndarray, mesh: Mesh, kernel: Kernel, full_scale: float, peaks: Peaks,
+             noise: NoiseModel, sigma_px: float, least_significance: float, kind: int,
+             segmentation: Segmentation, most: int
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+                        bool]:
+    """
+    Return what the K peaks of image (H, W) are, and the N brightest stars, at most so many.
+
+    These are reason (K,), STAR or why a peak is none, and where (K, 2) px; uv (N, 2) px, flux
+    (N,) DN, its ratio to its error and the error (N,) px of the position; and whether all spots
+    are smeared. A rough fit rejects what is no star and measures the noise of the final one.
+    """
+    reason, where = np.zeros(len(peaks.uv), np.int8), peaks.uv.astype(np.float64)
+    chosen = np.arange(len(reason))
+    windows = cut_windows(image, mesh, kernel, full_scale, peaks, chosen, sigma_px)
+    _reject_cut(image, windows, math.ceil(EDGE_SIGMAS * sigma_px), peaks, reason)
+    stars = _not_rejected(chosen, reason)
+    if len(stars) < len(chosen):
+        chosen = stars
+        windows = cut_windows(image, mesh, kernel, full_scale, peaks, chosen, sigma_px)
+    start = initial_stars(kernel, peaks, chosen, sigma_px)
+    fit = fit_stars(windows, start, noise, 4, ROUGH_ITERATIONS)
+    smeared = _reject_shapes(fit, windows, chosen, reason, where)
+    noise = refine_noise_model(noise, fit, windows, _unsaturated(windows, chosen, reason))
+    stars = _not_rejected(chosen, reason)
+    start = fit.parameters
+    if len(stars) < len(chosen):
+        start = _rows_of(stars, chosen, start)
+        chosen = stars
+        windows = cut_windows(image, mesh, kernel, full_scale, peaks, chosen, sigma_px)
+    fit = fit_stars(windows, start, noise, 4, ITERATIONS)
+    uv, error_px = _positions(fit, windows)
+    if kind != GAUSSIAN:
+        uv, error_px = weighted_means(kind, windows, fit, noise, segmentation)
+    _reject_final(fit, windows, uv, least_significance, chosen, reason, where)
+    return (reason, where, *_brightest(fit, uv, error_px, chosen, reason, most), smeared)
 
 
-def _significance(fit: Fit) -> np.ndarray:
-    """Return flux (K,) over its 1-sigma error by the noise model alone."""
-    return fit.parameters[:, FLUX] / np.sqrt(fit.covariance[:, FLUX, FLUX])
+@compiled
+def _not_rejected(chosen: np.ndarray, reason: np.ndarray) -> np.ndarray:
+    """Return those of the chosen spots (K,) that are stars by their reason."""
+    left, count = np.empty(len(chosen), np.int64), 0
+    for spot in chosen:
+        if reason[spot] == STAR:
+            left[count] = spot
+            count += 1
+    return left[:count]
 
 
-def _centroids(fit: Fit) -> Centroids:
-    """Return all fitted stars."""
+@compiled
+def _rows_of(stars: np.ndarray, chosen: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """Return the parameters (N, 5) of stars (N,) out of those of the chosen spots (K,)."""
+    rows, i = np.empty((len(stars), parameters.shape[1])), 0
+    for n in range(len(stars)):
+        while chosen[i] != stars[n]:
+            i += 1
+        rows[n] = parameters[i]
+    return rows
+
+
+@compiled
+def _reject_cut(image: np.ndarray, windows: Windows, border_px: int, peaks: Peaks,
+                reason: np.ndarray) -> None:
+    """Set the reason (K,) of peaks closer than border_px to the edge, or saturated."""
+    height, width = image.shape
+    for i in range(len(reason)):
+        u, v = peaks.uv[i, 0], peaks.uv[i, 1]
+        if min(u, v, width - 1 - u, height - 1 - v) < border_px:
+            reason[i] = EDGE
+        elif saturated_core(windows, i) > MAX_SATURATED_PX:
+            reason[i] = SATURATED
+
+
+@compiled
+def _reject_shapes(fit: Fit, windows: Windows, chosen: np.ndarray, reason: np.ndarray,
+                   where: np.ndarray) -> bool:
+    """
+    Set the reason (K,) and the position where (K, 2) px of chosen spots that have no star's shape.
+
+    Return whether all are smeared.
+    """
+    shape, astray = classify_shapes(fit, windows), drifted(fit, windows)
+    for i in range(len(chosen)):
+        where[chosen[i]] = fit.parameters[i, :V + 1]
+        if shape.narrow[i]:
+            reason[chosen[i]] = HOT_PIXEL if lone_pixel(windows.data[i]) else COSMIC_RAY
+        elif shape.elongated[i]:
+            reason[chosen[i]] = ELONGATED
+        elif shape.wide[i]:
+            reason[chosen[i]] = TOO_WIDE
+        elif astray[i]:
+            reason[chosen[i]] = NOT_FITTED
+    return shape.smeared
+
+
+@compiled
+def _unsaturated(windows: Windows, chosen: np.ndarray, reason: np.ndarray) -> np.ndarray:
+    """Return which chosen spots (K,) are stars by their reason, without a saturated pixel."""
+    good = np.empty(len(chosen), np.bool_)
+    for i in range(len(chosen)):
+        good[i] = reason[chosen[i]] == STAR and saturated_core(windows, i) == 0
+    return good
+
+
+@compiled
+def _reject_final(fit: Fit, windows: Windows, uv: np.ndarray, least_significance: float,
+                  chosen: np.ndarray, reason: np.ndarray, where: np.ndarray) -> None:
+    """Set the reason of chosen spots (K,) whose last fit, or position uv (K, 2), is of no star."""
+    astray, doubled = drifted(fit, windows), duplicates(fit, windows)
+    for i in range(len(chosen)):
+        where[chosen[i]] = fit.parameters[i, :V + 1]
+        if astray[i] or doubled[i]:
+            reason[chosen[i]] = NOT_FITTED
+        elif _significance(fit, i) < least_significance or not np.isfinite(uv[i, 0]):
+            reason[chosen[i]] = FAINT_SPOT
+
+
+@compiled
+def _brightest(fit: Fit, uv: np.ndarray, error_px: np.ndarray, chosen: np.ndarray,
+               reason: np.ndarray, most: int
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return uv (N, 2), flux, its ratio to its error and error_px (N,) of the brightest stars."""
+    place, flux = np.empty((len(chosen), 2)), np.empty(len(chosen))
+    snr, sigma_px, count = np.empty(len(chosen)), np.empty(len(chosen)), 0
     factor = inflation(fit.chi2, fit.dof)
-    variance = (fit.covariance[:, U, U] + fit.covariance[:, V, V]) / 2
-    return Centroids(fit.parameters[:, :V + 1], fit.parameters[:, FLUX],
-                     _significance(fit) / factor, factor * np.sqrt(variance))
+    # Peaks are highest first: this is nearly sorted.
+    for i in ascending_order(-fit.parameters[:, FLUX]):
+        if reason[chosen[i]] == STAR and count < most:
+            place[count], flux[count] = uv[i], fit.parameters[i, FLUX]
+            snr[count], sigma_px[count] = _significance(fit, i) / factor[i], error_px[i]
+            count += 1
+    return place[:count], flux[:count], snr[:count], sigma_px[:count]
+
+
+@compiled
+def _significance(fit: Fit, i: int) -> float:
+    """Return flux over its 1-sigma error by the noise model alone."""
+    return fit.parameters[i, FLUX] / math.sqrt(fit.covariance[i, FLUX, FLUX])
+
+
+@compiled
+def _positions(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return uv (K, 2) px of the fits and their 1-sigma errors (K,) px per axis."""
+    uv, error_px = np.empty((len(fit.dof), 2)), inflation(fit.chi2, fit.dof)
+    for i in range(len(error_px)):
+        uv[i] = fit.parameters[i, :V + 1]
+        variance = (fit.covariance[i, U, U] + fit.covariance[i, V, V]) / 2
+        blooming_px = BLOOMING_PX * max(saturated_core(windows, i) - FEW_SATURATED_PX, 0)
+        error_px[i] = math.hypot(error_px[i] * math.sqrt(variance), blooming_px)
+    return uv, error_px
+
+
+@compiled
+def inflation(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """Return factors (K,) of the errors: sqrt(chi2 / dof) for a misfit beyond chance, else 1."""
+    factor = np.ones(len(chi2))
+    for i in range(len(chi2)):
+        ratio = chi2[i] / dof[i]
+        if ratio > 1 + MISFIT * math.sqrt(2 / dof[i]):
+            factor[i] = math.sqrt(ratio)
+    return factor
+
+
+@compiled
+def fit_free_sigma(image: np.ndarray, mesh: Mesh, kernel: Kernel, full_scale: float,
+                   peaks: Peaks, noise: NoiseModel, sigma_px: float, iterations: int
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Fit stars of another PSF sigma each, from sigma_px on, to peaks that are not saturated.
+
+    Return parameters (K, 5), covariance (K, 5, 5), chi-square (K,) and degrees of freedom (K,) of
+    those with more than a lone pixel, and which (K,) have the shape and the place of their spot.
+    """
+    chosen, reason = np.arange(len(peaks.uv)), np.zeros(len(peaks.uv), np.int8)
+    windows = cut_windows(image, mesh, kernel, full_scale, peaks, chosen, sigma_px)
+    for i in range(len(chosen)):
+        if saturated_core(windows, i) > 0 or lone_pixel(windows.data[i]):
+            reason[i] = SATURATED
+    chosen = _not_rejected(chosen, reason)
+    windows = cut_windows(image, mesh, kernel, full_scale, peaks, chosen, sigma_px)
+    fit = fit_stars(windows, initial_stars(kernel, peaks, chosen, sigma_px), noise, SIGMA + 1,
+                    iterations)
+    return (fit.parameters, fit.covariance, fit.chi2, fit.dof,
+            ~drifted(fit, windows) & ~streaks(fit, windows))

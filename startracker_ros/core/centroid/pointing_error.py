@@ -123,8 +123,8 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
     """Return what the fits of stars (K, 7) leave over the flux, a quantile over the stars."""
     size, count = 2 * reach + 1, len(stars)
     kept = count - int(QUANTILE * (count - 1) + 0.5)
-    # The largest values so far of each pixel, the smallest of them first.
-    largest = np.full((size, size, kept), -np.inf)
+    # The largest values so far of each pixel, in ascending order.
+    largest, line = np.full((kept, size, size), -np.inf), np.empty(size)
     columns, rows = np.empty((3, size)), np.empty((3, size))
     for star in stars:
         left, top = round(star[U]) - reach, round(star[V]) - reach
@@ -134,18 +134,21 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
         profile(star[U], star[SIGMA], left, columns)
         profile(star[V], star[SIGMA], top, rows)
         for y in range(size):
+            seen, sky = image[top + y, left:left + size], level + down * (y - reach)
             for x in range(size):
-                share = (share_at(star, left + x, top + y) if streaked
-                         else rows[SHARE, y] * columns[SHARE, x])
-                sky = level + across * (x - reach) + down * (y - reach)
-                value = (image[top + y, left + x] - sky) * per_flux - share
-                if value > largest[y, x, 0]:
-                    k = 0
-                    while k + 1 < kept and largest[y, x, k + 1] < value:
-                        largest[y, x, k] = largest[y, x, k + 1]
-                        k += 1
-                    largest[y, x, k] = value
-    return largest[:, :, 0].copy()
+                line[x] = rows[SHARE, y] * columns[SHARE, x]
+            if streaked:
+                for x in range(size):
+                    line[x] = share_at(star, left + x, top + y)
+            for x in range(size):
+                line[x] = (seen[x] - sky - across * (x - reach)) * per_flux - line[x]
+            # The smaller of two values goes on to the next place: no branch depends on the data.
+            for k in range(kept - 1, -1, -1):
+                for x in range(size):
+                    value, before = line[x], largest[k, y, x]
+                    largest[k, y, x] = value if value > before else before
+                    line[x] = before if value > before else value
+    return largest[0]
 
 
 @compiled

@@ -15,17 +15,14 @@ MAX_DRIFT_PX = 1.5  # a fit that ends further from its peak is of something else
 SEPARATION_PX = 1.0  # two closer fits are of one star
 
 
+@compiled
 def drifted(fit: Fit, windows: Windows) -> np.ndarray:
     """Return True (K,) for fits that ended far from their peaks or are NaN."""
-    return _drifted(fit.parameters, windows.corner, windows.radius)
-
-
-@compiled
-def _drifted(parameters: np.ndarray, corner: np.ndarray, radius: int) -> np.ndarray:
-    far = np.empty(len(corner), np.bool_)
-    for i in range(len(corner)):
-        far[i] = not (math.hypot(parameters[i, U] - corner[i, 0] - radius,
-                                 parameters[i, V] - corner[i, 1] - radius) < MAX_DRIFT_PX)
+    radius, far = windows.data.shape[1] // 2, np.empty(len(fit.parameters), np.bool_)
+    for i in range(len(far)):
+        far[i] = not (math.hypot(fit.parameters[i, U] - windows.corner[i, 0] - radius,
+                                 fit.parameters[i, V] - windows.corner[i, 1] - radius)
+                      < MAX_DRIFT_PX)
     return far
 
 

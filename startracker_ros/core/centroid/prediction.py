@@ -33,10 +33,6 @@ class PredictedCentroids:
             np.concatenate([self.sigma_px, targets.sigma_px]),
             np.concatenate([self.hip, targets.hip]), self.stars)
 
-    def at(self, stamp_ns: int) -> np.ndarray:
-        """Return the positions (N, 2) in px at another time."""
-        return self.uv + self.velocity * ((stamp_ns - self.stamp_ns) * 1e-9)
-
     def motion(self, shape: tuple[int, int]) -> Streak:
         """Return the motion of the stars in a second over an image of this shape (H, W)."""
         stars = slice(self.stars)

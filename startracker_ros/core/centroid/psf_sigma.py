@@ -9,11 +9,9 @@ from statistics import median
 import numpy as np
 from startracker_ros.core.centroid.detection import Peaks
 from startracker_ros.core.centroid.frame import Frame
-from startracker_ros.core.centroid.gaussian_fit import fit_stars
 from startracker_ros.core.centroid.noise import initial_noise_model
-from startracker_ros.core.centroid.position import drifted
+from startracker_ros.core.centroid.point_stars import fit_free_sigma
 from startracker_ros.core.centroid.psf import FLUX, SIGMA
-from startracker_ros.core.centroid.shape import lone_pixels, streaks
 from startracker_ros.core.centroid.streak_search import MAX_MISFIT, misfit
 
 BATCH = 10  # peaks fitted at a time, brightest first
@@ -48,14 +46,13 @@ def measure_psf_sigma(frame: Frame, narrow: bool = False) -> tuple[float, bool]:
 
 def _sigmas(frame: Frame, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
     """Return sigmas (N,) of peaks that may be unsaturated stars, and which Gaussians explain."""
-    windows, start = frame.windows(peaks, frame.kernel.sigma_px)
-    chosen = (windows.saturated_cores() == 0) & ~lone_pixels(windows.data)
-    windows, start = windows.select(chosen), start[chosen]
     noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
-    fit = fit_stars(windows, start, noise, free_sigma=True, iterations=ITERATIONS)
-    sigma = fit.parameters[:, SIGMA]
-    error = np.sqrt(fit.covariance[:, SIGMA, SIGMA])
-    explained = (sigma > NARROWEST_PX) & (misfit(
-        fit.chi2, fit.dof, fit.parameters[:, FLUX], fit.covariance[:, FLUX, FLUX]) < MAX_MISFIT)
-    counts = (error < MAX_ERROR * sigma) & ~drifted(fit, windows) & ~streaks(fit, windows)
+    star, covariance, chi2, dof, round_spot = fit_free_sigma(
+        frame.image, frame.mesh, frame.kernel, frame.full_scale_dn, peaks, noise,
+        frame.kernel.sigma_px, ITERATIONS)
+    sigma = star[:, SIGMA]
+    error = np.sqrt(covariance[:, SIGMA, SIGMA])
+    explained = (sigma > NARROWEST_PX) & (
+        misfit(chi2, dof, star[:, FLUX], covariance[:, FLUX, FLUX]) < MAX_MISFIT)
+    counts = (error < MAX_ERROR * sigma) & round_spot
     return sigma[counts], explained[counts]

@@ -25,6 +25,11 @@ class Rejections:
             self.counts[reason] = self.counts.get(reason, 0) + count
         self.uv += other.uv
 
+    def add_coded(self, reasons: tuple[str, ...], code: np.ndarray, uv: np.ndarray) -> None:
+        """Add the spots at uv (K, 2) px with codes (K,) of reasons; 0 is none."""
+        for one in sorted(set(code.tolist()) - {0}):
+            self.add(reasons[one], uv[code == one])
+
     def reject(self, uv: np.ndarray, **reasons: np.ndarray) -> np.ndarray:
         """Add spots at uv (K, 2) by reasons, each (K,) bool; return True (K,) for the others."""
         bad = np.zeros(len(uv), bool)

@@ -39,26 +39,14 @@ class Shape(NamedTuple):
 
 
 @compiled
-def lone_pixels(data: np.ndarray) -> np.ndarray:
-    """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any flux around it."""
-    middle, lone = data.shape[1] // 2, np.empty(len(data), np.bool_)
-    for i in range(len(data)):
-        around = -data[i, middle, middle]
-        for y in range(middle - 1, middle + 2):
-            for x in range(middle - 1, middle + 2):
-                around += data[i, y, x]
-        lone[i] = around <= LONE_PIXEL * data[i, middle, middle]
-    return lone
-
-
-def classify_shapes(fit: Fit, windows: Windows) -> Shape:
-    """
-    Return the shapes of all spots.
-
-    Spots connected to an elongated one by neighbours are part of it: the fit of neighbours in
-    turns cuts a long streak into round pieces.
-    """
-    return _classify(fit, windows)
+def lone_pixel(data: np.ndarray) -> bool:
+    """Return whether the middle pixel of a window (n, n) has hardly any flux around it."""
+    middle = data.shape[0] // 2
+    around = -data[middle, middle]
+    for y in range(middle - 1, middle + 2):
+        for x in range(middle - 1, middle + 2):
+            around += data[y, x]
+    return around <= LONE_PIXEL * data[middle, middle]
 
 
 @compiled
@@ -113,7 +101,13 @@ def _smeared(moments: np.ndarray, chosen: np.ndarray) -> bool:
 
 
 @compiled
-def _classify(fit: Fit, windows: Windows) -> Shape:
+def classify_shapes(fit: Fit, windows: Windows) -> Shape:
+    """
+    Return the shapes of all spots.
+
+    Spots connected to an elongated one by neighbours are part of it: the fit of neighbours in
+    turns cuts a long streak into round pieces.
+    """
     narrow, wide = _test_sigmas(fit, windows)
     moments = _moments(fit, windows)
     return Shape(narrow, wide, _grow(_elongated(moments), windows), _smeared(moments, ~narrow))

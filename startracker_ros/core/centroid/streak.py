@@ -12,9 +12,11 @@ A turn of the camera moves all stars together. To first order the streak (du, dv
 A streak and its opposite are the same: an image does not show the direction of time.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.compiled import compiled
 
 SHORTEST_PX = 1.0  # a shorter streak is fitted as a point
 CLOSE_SHARE, CLOSE_PX = 0.3, 0.5  # of the length, by which the estimates of one streak differ
@@ -37,7 +39,7 @@ class Streak(NamedTuple):
     @property
     def length_px(self) -> float:
         """Length in the middle of the image."""
-        return float(np.hypot(self.u_px, self.v_px))
+        return math.hypot(self.u_px, self.v_px)
 
     def scaled(self, factor: float) -> 'Streak':
         """Return the streak of an exposure that is longer by a factor."""
@@ -65,9 +67,10 @@ class Streak(NamedTuple):
 
     def longest_px(self) -> float:
         """Return the length in the farthest corner of an image whose middle is (u0, v0)."""
-        return self.length_px + abs(self.roll) * float(np.hypot(self.u0, self.v0))
+        return self.length_px + abs(self.roll) * math.hypot(self.u0, self.v0)
 
 
+@compiled
 def fit_streak(uv: np.ndarray, streak_px: np.ndarray, weight: np.ndarray,
                shape: tuple[int, int]) -> Streak:
     """
@@ -77,13 +80,19 @@ def fit_streak(uv: np.ndarray, streak_px: np.ndarray, weight: np.ndarray,
     the image. The roll is estimated from four stars on; it is zero for fewer.
     """
     v0, u0 = (shape[0] - 1) / 2, (shape[1] - 1) / 2
+    total = mean_u = mean_v = shift_u = shift_v = 0.0
+    for i in range(len(uv)):
+        total += weight[i]
+        mean_u, mean_v = mean_u + weight[i] * uv[i, 0], mean_v + weight[i] * uv[i, 1]
+        shift_u += weight[i] * streak_px[i, 0]
+        shift_v += weight[i] * streak_px[i, 1]
+    mean_u, mean_v, shift_u, shift_v = (mean_u / total, mean_v / total, shift_u / total,
+                                        shift_v / total)
     # About the mean of the stars the roll is independent of the shift.
-    share = weight / weight.sum()
-    mean, shift = share @ uv, share @ streak_px
-    (u, v), (moved_u, moved_v) = (uv - mean).T, (streak_px - shift).T
-    spread = float(share @ (u * u + v * v))
-    roll = 0.0
-    if len(uv) >= 4 and spread > 0:
-        roll = float(share @ (u * moved_v - v * moved_u)) / spread
-    return Streak(float(shift[0] + roll * (mean[1] - v0)),
-                  float(shift[1] - roll * (mean[0] - u0)), roll, u0, v0)
+    spread = moment = 0.0
+    for i in range(len(uv)):
+        u, v = uv[i, 0] - mean_u, uv[i, 1] - mean_v
+        spread += weight[i] * (u * u + v * v)
+        moment += weight[i] * (u * (streak_px[i, 1] - shift_v) - v * (streak_px[i, 0] - shift_u))
+    roll = moment / spread if len(uv) >= 4 and spread > 0 else 0.0
+    return Streak(shift_u + roll * (mean_v - v0), shift_v - roll * (mean_u - u0), roll, u0, v0)

@@ -77,8 +77,8 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
     star, variance = star[good], variance[good]
     vector = star[:, LENGTH, None] * np.stack([np.cos(star[:, ANGLE]), np.sin(star[:, ANGLE])], -1)
     vector = _same_half_plane(vector)
-    streak = fit_streak(star[:, :V + 1], vector, 1 / (variance + SIGMA_FLOOR_PX ** 2),
-                        image.shape)
+    streak = fit_streak(np.ascontiguousarray(star[:, :V + 1]), vector,
+                        1 / (variance + SIGMA_FLOOR_PX ** 2), image.shape)
     return streak, float(np.median(star[:, SIGMA]))
 
 

@@ -6,30 +6,28 @@
 import numpy as np
 from startracker_ros.core.centroid.background import background_at, Mesh
 from startracker_ros.core.centroid.detection import empty_peaks, parabola_top, Peaks, Threshold
+from startracker_ros.core.centroid.hits import are_sharper
 from startracker_ros.core.centroid.smoothing import filtered_at, Kernel
 from startracker_ros.core.compiled import compiled
 
+HIT_SHARE = 0.1  # of the peaks near predicted stars, from which on hits are taken out
 
+
+@compiled
 def peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
-               uv: np.ndarray, radius_px: np.ndarray) -> tuple[Peaks, np.ndarray]:
+               uv: np.ndarray, radius_px: np.ndarray, share: float
+               ) -> tuple[Peaks, np.ndarray, bool]:
     """
     Return peaks within radius_px (K,) of positions uv (K, 2), and which positions (K,) have one.
 
     The highest value must exceed the threshold and the pixels around it, and no two positions
-    share one.
+    share one. The last result is whether some of the peaks are hits, by the least share of
+    hits.py.
     """
-    peaks, found = _peaks_near(image, kernel, mesh, threshold, uv, radius_px)
-    return peaks.select(found), found
-
-
-@compiled
-def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
-                uv: np.ndarray, radius_px: np.ndarray) -> tuple[Peaks, np.ndarray]:
     height, width = image.shape
-    count = len(uv)
-    peaks, good = empty_peaks(count), np.zeros(count, np.bool_)
-    around = np.empty((3, 3))
-    for i in range(count):
+    peaks, found = empty_peaks(len(uv)), np.zeros(len(uv), np.bool_)
+    around, count = np.empty((3, 3)), 0
+    for i in range(len(uv)):
         left, right = int(np.ceil(uv[i, 0] - radius_px[i])), int(uv[i, 0] + radius_px[i])
         top, bottom = int(np.ceil(uv[i, 1] - radius_px[i])), int(uv[i, 1] + radius_px[i])
         best, best_u, best_v = _highest(image, kernel.weights, max(left, 1), max(top, 1),
@@ -44,15 +42,21 @@ def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresh
             for x in range(3):
                 around[y, x] = filtered_at(image, kernel.weights, best_u + x - 1, best_v + y - 1)
                 highest = max(highest, around[y, x])
-        good[i] = highest <= best
-        for j in range(i):
-            if good[j] and peaks.uv[j, 0] == best_u and peaks.uv[j, 1] == best_v:
-                good[i] = False
-        peaks.uv[i, 0], peaks.uv[i, 1] = best_u, best_v
-        peaks.top[i, 0] = parabola_top(around[1, 0], best, around[1, 2])
-        peaks.top[i, 1] = parabola_top(around[0, 1], best, around[2, 1])
-        peaks.height[i], peaks.level[i], peaks.noise[i] = best - level, level, noise
-    return peaks, good
+        found[i] = highest <= best
+        for j in range(count):
+            if peaks.uv[j, 0] == best_u and peaks.uv[j, 1] == best_v:
+                found[i] = False
+        if found[i]:
+            peaks.uv[count, 0], peaks.uv[count, 1] = best_u, best_v
+            peaks.top[count, 0] = parabola_top(around[1, 0], best, around[1, 2])
+            peaks.top[count, 1] = parabola_top(around[0, 1], best, around[2, 1])
+            peaks.height[count], peaks.level[count] = best - level, level
+            peaks.noise[count] = noise
+            count += 1
+    peaks = Peaks(peaks.uv[:count], peaks.top[:count], peaks.height[:count], peaks.level[:count],
+                  peaks.noise[:count])
+    hit = are_sharper(image, peaks.uv, peaks.level, peaks.noise / kernel.noise_gain, share)
+    return peaks, found, bool(np.count_nonzero(hit) > HIT_SHARE * count)
 
 
 @compiled
@@ -68,24 +72,29 @@ def _highest(image: np.ndarray, weights: np.ndarray, left: int, top: int, right:
     best, best_u, best_v = -np.inf, -1, -1
     if left > right or top > bottom:
         return best, best_u, best_v
-    inside = (left >= radius and right < width - radius
-              and top >= radius and bottom < height - radius)
-    across = np.zeros((bottom - top + 1 + 2 * radius, right - left + 1))
-    if inside:
-        for y in range(across.shape[0]):
-            row = image[np.uintp(top - radius + y)]
-            for x in range(across.shape[1]):
-                first = np.uintp(left + x - radius)
-                for k in range(2 * radius + 1):
-                    across[y, x] += weights[abs(k - radius)] * row[first + np.uintp(k)]
-    for v in range(top, bottom + 1):
-        for u in range(left, right + 1):
-            value = 0.0
-            if inside:
-                for k in range(2 * radius + 1):
-                    value += weights[abs(k - radius)] * across[v - top + k, u - left]
-            else:
+    if not (left >= radius and right < width - radius
+            and top >= radius and bottom < height - radius):
+        for v in range(top, bottom + 1):
+            for u in range(left, right + 1):
                 value = filtered_at(image, weights, u, v)
-            if value > best:
-                best, best_u, best_v = value, u, v
+                if value > best:
+                    best, best_u, best_v = value, u, v
+        return best, best_u, best_v
+    # The taps are the outer loop: pixels side by side are added at once.
+    rows, columns = bottom - top + 1, right - left + 1
+    across, line = np.zeros((rows + 2 * radius, columns)), np.empty(columns)
+    for y in range(rows + 2 * radius):
+        for k in range(-radius, radius + 1):
+            weight, row = weights[abs(k)], image[top - radius + y, left + k:right + k + 1]
+            for x in range(columns):
+                across[y, x] += weight * row[x]
+    for y in range(rows):
+        line[:] = 0
+        for k in range(2 * radius + 1):
+            weight = weights[abs(k - radius)]
+            for x in range(columns):
+                line[x] += weight * across[y + k, x]
+        for x in range(columns):
+            if line[x] > best:
+                best, best_u, best_v = line[x], left + x, top + y
     return best, best_u, best_v

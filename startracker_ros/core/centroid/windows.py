@@ -3,14 +3,20 @@
 
 """Square cut-outs around the peaks, and which of them share flux."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.centroid.background import Mesh, slope_at
+from startracker_ros.core.centroid.detection import Peaks
+from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
+from startracker_ros.core.centroid.smoothing import Kernel
 from startracker_ros.core.compiled import compiled
 
 LANES = 8  # pixels processed at a time
 CORE_RADIUS_PX = 2
+RADIUS_SIGMAS = 3.5
+MIN_RADIUS_PX = 3
 
 
 class Windows(NamedTuple):
@@ -30,65 +36,56 @@ class Windows(NamedTuple):
     first: np.ndarray
     sources: np.ndarray
 
-    @property
-    def radius(self) -> int:
-        """Pixels on each side of the peak."""
-        return self.data.shape[1] // 2
-
-    def select(self, chosen: np.ndarray) -> 'Windows':
-        """Return the windows of chosen (K,) bool; other stars no longer count as neighbours."""
-        if chosen.all():
-            return self
-        corner = self.corner[chosen]
-        return Windows(self.data[chosen], self.used[chosen], corner, self.variance[chosen],
-                       *_neighbours(corner, self.data.shape[1]))
-
-    def saturated_cores(self) -> np.ndarray:
-        """Return the number (K,) of unused pixels within CORE_RADIUS_PX of the peaks."""
-        return _count_unused(self.used, CORE_RADIUS_PX)
-
-
-def cut_windows(image: np.ndarray, mesh: Mesh, uv: np.ndarray, radius: int, level: np.ndarray,
-                variance: np.ndarray, full_scale: float) -> Windows:
-    """
-    Return the windows of image (H, W) around peaks uv (K, 2); level and variance (K,) are there.
-
-    The slope of the background, which would move a star towards the brighter side, is that of the
-    mesh.
-    """
-    data, used = _cut(image, mesh, uv, radius, level, full_scale)
-    corner = uv - radius
-    return Windows(data, used, corner, variance, *_neighbours(corner, 2 * radius + 1))
-
 
 @compiled
-def _cut(image: np.ndarray, mesh: Mesh, uv: np.ndarray, radius: int, level: np.ndarray,
-         full_scale: float) -> tuple[np.ndarray, np.ndarray]:
-    height, width = image.shape
-    count = 2 * radius + 1
+def cut_windows(image: np.ndarray, mesh: Mesh, kernel: Kernel, full_scale: float, peaks: Peaks,
+                chosen: np.ndarray, sigma_px: float) -> Windows:
+    """
+    Return the windows of image (H, W) for stars of this PSF sigma at the chosen peaks (K,) int.
+
+    The slope of the background, which would move a star towards the brighter side, is that of the
+    mesh. full_scale in DN is the value from which on pixels are saturated.
+    """
+    (height, width), radius = image.shape, max(MIN_RADIUS_PX, math.ceil(RADIUS_SIGMAS * sigma_px))
+    stars, count = len(chosen), 2 * radius + 1
     filled = (count + LANES - 1) // LANES * LANES
-    data = np.zeros((len(uv), count, filled), np.float32)
-    used = np.zeros((len(uv), count, filled), np.bool_)
-    for i in range(len(uv)):
-        u, v = uv[i, 0], uv[i, 1]
-        left, top = u - radius, v - radius
+    data = np.zeros((stars, count, filled), np.float32)
+    used = np.zeros((stars, count, filled), np.bool_)
+    corner, variance = np.empty((stars, 2), np.int64), np.empty(stars)
+    for i in range(stars):
+        u, v = peaks.uv[chosen[i], 0], peaks.uv[chosen[i], 1]
+        left, top, level = u - radius, v - radius, peaks.level[chosen[i]]
+        corner[i, 0], corner[i, 1] = left, top
+        variance[i] = (peaks.noise[chosen[i]] / kernel.noise_gain) ** 2
         across, down = slope_at(mesh, u, v, radius)
         for y in range(max(-top, 0), min(height - top, count)):
             for x in range(max(-left, 0), min(width - left, count)):
                 value = image[top + y, left + x]
-                data[i, y, x] = value - level[i] - across * (x - radius) - down * (y - radius)
+                data[i, y, x] = value - level - across * (x - radius) - down * (y - radius)
                 used[i, y, x] = value < full_scale
-    return data, used
+    first, sources = _neighbours(corner, count)
+    return Windows(data, used, corner, variance, first, sources)
 
 
 @compiled
-def _count_unused(used: np.ndarray, radius: int) -> np.ndarray:
-    """Return the number (K,) of pixels not used within radius of the middle of used (K, n, n)."""
-    middle, count = used.shape[1] // 2, np.zeros(len(used), np.int64)
-    for i in range(len(used)):
-        for y in range(middle - radius, middle + radius + 1):
-            for x in range(middle - radius, middle + radius + 1):
-                count[i] += not used[i, y, x]
+def initial_stars(kernel: Kernel, peaks: Peaks, chosen: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return initial parameters (K, 5) of stars of this PSF sigma at the chosen peaks (K,) int."""
+    start = np.zeros((len(chosen), 5))
+    area = 2 * np.pi * (kernel.sigma_px ** 2 + sigma_px ** 2)
+    for i in range(len(chosen)):
+        start[i, U] = peaks.uv[chosen[i], 0] + peaks.top[chosen[i], 0]
+        start[i, V] = peaks.uv[chosen[i], 1] + peaks.top[chosen[i], 1]
+        start[i, FLUX], start[i, SIGMA] = peaks.height[chosen[i]] * area, sigma_px
+    return start
+
+
+@compiled
+def saturated_core(windows: Windows, i: int) -> int:
+    """Return the number of unused pixels within CORE_RADIUS_PX of the peak of window i."""
+    middle, count = windows.data.shape[1] // 2, 0
+    for y in range(middle - CORE_RADIUS_PX, middle + CORE_RADIUS_PX + 1):
+        for x in range(middle - CORE_RADIUS_PX, middle + CORE_RADIUS_PX + 1):
+            count += not windows.used[i, y, x]
     return count
 
 

@@ -4,6 +4,7 @@
 """Which images are searched as a whole, and in which only predicted centroids are measured."""
 
 from dataclasses import dataclass, replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,9 @@ EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
 POINT_PX = 4.0  # a longer streak is none that is seen as a point
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
-COMPARED = 64  # rows of an image
+COMPARED = 64  # rows of an image,
+COMPARED_COLUMNS = 512  # of them, in the middle; first one in COMPARED_PX:
+COMPARED_PX = 32  # rows that differ there are not equal
 LEAST_NOISY = 0.02  # share of a row's pixels that are not its median: it is no dead or dark row
 LEAST_ROWS = 4
 
@@ -73,12 +76,11 @@ class _Expected(NamedTuple):
     def at(cls, stamp_ns: int, predicted: PredictedCentroids, shape: tuple[int, int],
            interval_s: float) -> '_Expected':
         """Return the predicted centroids at a time."""
-        stars, radius_px = predicted.stars, GATE_SIGMAS * predicted.sigma_px + GATE_PX
-        radius_px[:stars] = np.minimum(radius_px[:stars], MAX_GATE_PX)
-        near = radius_px <= MAX_TARGET_PX
-        return cls(predicted.at(stamp_ns)[near], radius_px[near], stars, not near.all(),
-                   predicted.motion(shape), float(np.hypot(*predicted.velocity[:stars].T).max()),
-                   interval_s)
+        uv, radius_px, speed_px_s = _windows_at(
+            (stamp_ns - predicted.stamp_ns) * 1e-9, predicted.uv, predicted.velocity,
+            predicted.sigma_px, predicted.stars)
+        return cls(uv, radius_px, predicted.stars, len(uv) < len(predicted.uv),
+                   predicted.motion(shape), speed_px_s, interval_s)
 
     def stars_seen(self, centroids: Centroids) -> int:
         """Return near how many of the predicted stars there is a centroid."""
@@ -102,6 +104,30 @@ class _Expected(NamedTuple):
         """Return the time in which the motion comes nearest to a streak, or its opposite."""
         moved = _motion_px(self.motion)
         return float(_motion_px(streak) @ moved) / max(float(moved @ moved), 1e-9)
+
+
+@compiled
+def _windows_at(dt_s: float, uv: np.ndarray, velocity: np.ndarray, sigma_px: np.ndarray,
+                stars: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """
+    Return the positions (K, 2) px and radii (K,) px of the windows after dt_s seconds.
+
+    They are those of stars, then of targets that a window reaches. The last result is the
+    speed of the fastest star in px/s.
+    """
+    after, radius_px = np.empty((len(uv), 2)), np.empty(len(uv))
+    count, square = 0, 0.0
+    for i in range(len(uv)):
+        radius = GATE_SIGMAS * sigma_px[i] + GATE_PX
+        if i < stars:
+            radius = min(radius, MAX_GATE_PX)
+            square = max(square, velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
+        if radius <= MAX_TARGET_PX:
+            for axis in range(2):
+                after[count, axis] = uv[i, axis] + velocity[i, axis] * dt_s
+            radius_px[count] = radius
+            count += 1
+    return after[:count], radius_px[:count], math.sqrt(square)
 
 
 @compiled
@@ -161,8 +187,7 @@ class ExtractionStage:
         Without lost, that there is no prediction does not mean that no star tracker tracks.
         """
         extraction = self._extract(stamp_ns, image, predicted, lost)
-        return replace(extraction, centroids=replace(
-            extraction.centroids, exposure_s=self.exposure_s))
+        return replace(extraction, centroids=extraction.centroids.exposed(self.exposure_s))
 
     @property
     def exposure_s(self) -> tuple[float, float]:
@@ -351,7 +376,8 @@ class StaleRows:
     """Compares each image with the one before; two exposures never have the same noise."""
 
     def __init__(self) -> None:
-        self._before: np.ndarray | None = None
+        self._before, self._spare = np.empty((0, 0)), np.empty((0, 0))
+        self._pixels = np.empty((0, 0))
 
     def find(self, image: np.ndarray) -> tuple[int, int]:
         """
@@ -361,11 +387,20 @@ class StaleRows:
         others are no torn frame: the noise of such images, drawn or compressed, says nothing.
         """
         step = max(1, len(image) // COMPARED)
-        sample, before = image[::step].copy(), self._before
-        self._before = sample
-        if before is None or before.shape != sample.shape or before.dtype != sample.dtype:
+        first = max(0, (image.shape[1] - COMPARED_COLUMNS) // 2)
+        rows = image[::step, first:first + COMPARED_COLUMNS]
+        if self._before.shape != rows.shape or self._before.dtype != rows.dtype:
+            self._before, self._spare = rows.copy(), np.empty_like(rows)
+            self._pixels = rows[:, ::COMPARED_PX].copy()
             return 0, 0
-        if not (sample == before).all(axis=1).any():
+        # Memory that was used before: a new block of this size would be mapped anew.
+        sample, before = self._spare, self._before
+        np.copyto(sample, rows)
+        self._before, self._spare = sample, before
+        # Few pixels first, side by side in memory.
+        pixels = sample[:, ::COMPARED_PX].copy()
+        alike, self._pixels = (pixels == self._pixels).all(axis=1), pixels
+        if not alike.any() or not (sample[alike] == before[alike]).all(axis=1).any():
             return 0, 0
         noisy = np.flatnonzero(np.mean(
             sample != np.median(sample, axis=1, keepdims=True), axis=1) >= LEAST_NOISY)

@@ -154,7 +154,7 @@ class AngularAcceleration:
         self._since_jump += 1
         self._jump, self._probability = np.zeros((3, 3)), 0.0
         if self._since_jump > JUMP_FRAMES:
-            self._jump, self._probability = probability * np.outer(jump, jump), probability
+            self._jump, self._probability = probability * jump[:, None] * jump, probability
             if probability > 0.5:
                 self._since_jump = 0
         self.estimate = Estimate(*add_difference(

@@ -28,7 +28,7 @@ from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
-from startracker_ros.core.track.rotation_fit import RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.core.track.stamp_differences import measured_turn
 from startracker_ros.core.track.stamp_jitter import StampJitter
 from startracker_ros.core.track.start import NIS_GATE, Start
@@ -96,7 +96,7 @@ class AttitudeModel(StarModel):
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._measured: AttitudeEstimate | None = None
         self._jumps, self._mixture = RateJumps(), NO_JUMP
-        self._uv = np.empty((0, 2))
+        self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
@@ -105,7 +105,8 @@ class AttitudeModel(StarModel):
         sparse = self.is_sparse(frame)
         icrf = sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
-        repeated, self._uv = np.array_equal(uv, self._uv), uv
+        positions = uv.tobytes()
+        repeated, self._positions = positions == self._positions, positions
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         error = self._scale.value ** 2 * error_px2
@@ -118,9 +119,10 @@ class AttitudeModel(StarModel):
                 predicted, uv, error, self._detection)
             measured = correction.state
             # The stars show the pointing up to the error that they share.
-            correction = correction._replace(state=_with_error(correction.state, common))
-            fit = self._consistent_fit(correction)
-            if fit is None or repeated and self._is_old(hypothesis.state, correction.state):
+            if common is not _NO_ERROR:
+                correction = correction._replace(state=_with_error(measured, common))
+            if (not self._is_consistent(correction)
+                    or repeated and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
                 if sparse:
                     break
@@ -130,9 +132,7 @@ class AttitudeModel(StarModel):
             mixture = self._measure(hypothesis, predicted, measured, common,
                                     None if nominal is None else nominal[0].state)
             state = _with_jumps(correction.state, mixture)
-            fit = replace(fit, attitude=replace(
-                fit.attitude, quaternion=state.quaternion,
-                covariance_sensor=state.covariance[:3, :3]))
+            fit = self._fit(correction, state)
             if mixture.is_certain:
                 correction, mixture = correction._replace(state=state), NO_JUMP
             self._mixture = mixture
@@ -228,19 +228,22 @@ class AttitudeModel(StarModel):
         return bool(left @ information @ left < NIS_GATE
                     and moved @ information @ moved > 4 * NIS_GATE)
 
-    def _consistent_fit(self, correction: Correction) -> RotationFit | None:
-        """Return the fit of the inliers, None unless it is good and its innovation in the gate."""
-        innovation, inlier, state = correction.innovation, correction.inlier, correction.state
-        if not correction.agreed or innovation @ innovation > NIS_GATE:
-            return None
+    def _is_consistent(self, correction: Correction) -> bool:
+        """Return whether the fit of the inliers is good and its innovation within the gate."""
+        return (correction.agreed
+                and bool(correction.innovation @ correction.innovation <= NIS_GATE)
+                and is_good(int(np.count_nonzero(correction.inlier)), correction.stars,
+                            correction.residual_px, self._options.min_stars,
+                            self._options.max_residual_px))
+
+    def _fit(self, correction: Correction, state: AttitudeState) -> RotationFit:
+        """Return the fit of the inliers, which gave a state."""
+        inlier = correction.inlier
         attitude = AttitudeEstimate(
             state.quaternion, state.covariance[:3, :3], int(np.count_nonzero(inlier)),
             correction.distance[inlier] * self._camera.pixel_rad, correction.chi2)
-        fit = RotationFit(attitude, correction.normalised, self._scale.value, inlier,
-                          correction.residual_px)
-        good = fit.is_good(correction.stars, self._options.min_stars,
-                           self._options.max_residual_px)
-        return fit if good else None
+        return RotationFit(attitude, correction.normalised, self._scale.value, inlier,
+                           correction.residual_px)
 
     def _follow(self, correction: Correction, icrf: np.ndarray, measured: Measured
                 ) -> tuple[np.ndarray, Residuals]:

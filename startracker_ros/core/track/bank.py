@@ -12,7 +12,7 @@ from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.track.association import most_probable
-from startracker_ros.core.track.motion_models import POSITION, VELOCITY
+from startracker_ros.core.track.motion_models import POSITION
 from startracker_ros.core.track.tracks import Tracks
 
 
@@ -45,15 +45,10 @@ class TrackBank:
 
     @classmethod
     def started(cls, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids,
-                variance: np.ndarray, velocity: np.ndarray, velocity_covariance: np.ndarray,
+                variance: np.ndarray, state: np.ndarray, covariance: np.ndarray,
                 confirmed: bool) -> 'TrackBank':
-        """Return new tracks (N,) at one centroid each, of variance (N,) px^2 per axis."""
+        """Return new tracks (N,) of one centroid each, of variance (N,) px^2 per axis."""
         count = len(star_index)
-        state = np.empty((count, 4))
-        state[:, POSITION], state[:, VELOCITY] = centroids.uv, velocity
-        covariance = np.zeros((count, 4, 4))
-        covariance[:, POSITION, POSITION] = variance[:, None]
-        covariance[:, 1::2, 1::2] = velocity_covariance
         zero = np.zeros(count, int)
         return cls(track_id, star_index, state, covariance, variance, np.full(count, confirmed),
                    zero, zero, centroids.flux, centroids.snr, centroids.sigma_px,
@@ -63,8 +58,8 @@ class TrackBank:
     def empty(cls) -> 'TrackBank':
         """Return a bank without tracks."""
         none = np.empty(0, int)
-        return cls.started(none, none, Centroids.empty(), np.empty(0), np.empty((0, 2)),
-                           np.empty((0, 2, 2)), False)
+        return cls.started(none, none, Centroids.empty(), np.empty(0), np.empty((0, 4)),
+                           np.empty((0, 4, 4)), False)
 
     @property
     def uv(self) -> np.ndarray:

@@ -3,6 +3,8 @@
 
 """Which catalogue stars an attitude puts into the image, and where: compiled."""
 
+import math
+
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, project, ray, undistort
@@ -67,9 +69,9 @@ class StarsInView:
                reach_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what of() does, of at least the stars within reach_px of pixels uv (N, 2)."""
         matrix = self._around(attitude)
-        near = self._around_spots(matrix, uv, reach_px)
-        return _in_view(near, sky.direction(near), matrix, self._cos_radius,
-                        self.camera.lens)
+        return _in_view_beside(
+            self._near, self._natural, self._all_directions(sky), matrix, self._cos_radius,
+            self.camera.lens, np.ascontiguousarray(uv), self._cos_reach(reach_px))
 
     def bright(self, sky: ApparentCatalog, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -79,8 +81,8 @@ class StarsInView:
         With their directions (M, 3) on ICRF axes, and the matrix (3, 3) of the attitude.
         """
         matrix = self._around(attitude)
-        near = self._near[:self._magnitude.searchsorted(faintest, side='right')]
-        return near, sky.direction(near), matrix
+        count = self._magnitude.searchsorted(faintest, side='right')
+        return self._near[:count], self._all_directions(sky)[:count], matrix
 
     def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
         """Find the stars in and near the image; return the matrix (3, 3) of the attitude."""
@@ -95,9 +97,13 @@ class StarsInView:
 
     def _around_spots(self, matrix: np.ndarray, uv: np.ndarray, reach_px: float) -> np.ndarray:
         """Return the stars within reach_px of pixels uv (N, 2), and others around them."""
-        reach_rad = APPARENT_RAD + 2 * reach_px * self.camera.pixel_rad
         return self._near[_beside(self._natural, matrix, self.camera.lens,
-                                  np.ascontiguousarray(uv), np.cos(min(reach_rad, np.pi)))]
+                                  np.ascontiguousarray(uv), self._cos_reach(reach_px))]
+
+    def _cos_reach(self, reach_px: float) -> float:
+        """Return the cosine of the angle within which stars may be seen within reach_px."""
+        reach_rad = APPARENT_RAD + 2 * reach_px * self.camera.pixel_rad
+        return math.cos(min(reach_rad, math.pi))
 
     def _all_directions(self, sky: ApparentCatalog) -> np.ndarray:
         """Return the apparent directions (N, 3) of the stars in and near the image."""
@@ -150,6 +156,15 @@ def _beside(direction: np.ndarray, matrix: np.ndarray, lens: Lens, uv: np.ndarra
             if direction[k, 0] * X + direction[k, 1] * Y + direction[k, 2] * Z >= cos_reach:
                 near[k] = True
     return np.flatnonzero(near)
+
+
+@compiled
+def _in_view_beside(near: np.ndarray, natural: np.ndarray, direction: np.ndarray,
+                    matrix: np.ndarray, cos_radius: float, lens: Lens, uv: np.ndarray,
+                    cos_reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what _in_view() does, of the stars that have one of pixels uv (N, 2) near."""
+    beside = _beside(natural, matrix, lens, uv, cos_reach)
+    return _in_view(near[beside], direction[beside], matrix, cos_radius, lens)
 
 
 @compiled

@@ -12,11 +12,12 @@ from startracker_ros.core.attitude.systematic_errors import systematic_covarianc
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.association import DetectionModel, gate_size
 from startracker_ros.core.track.bank import TrackBank
 from startracker_ros.core.track.consistency import Residuals
-from startracker_ros.core.track.motion_models import image_jacobian
+from startracker_ros.core.track.motion_models import moved_by
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rotation_fit import RotationFit
 from startracker_ros.core.track.start import Start
@@ -119,11 +120,10 @@ class StarModel(ABC):
     def add(self, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids, *,
             confirmed: bool) -> None:
         """Add tracks (N,) of stars at these centroids, which move with the body rate."""
-        jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
-        added = TrackBank.started(
-            track_id, star_index, centroids, self.sigma_px(centroids) ** 2,
-            jacobian @ self.rate_rad_s,
-            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed)
+        variance = self.sigma_px(centroids) ** 2
+        added = TrackBank.started(track_id, star_index, centroids, variance, *moved_by(
+            self._camera.lens, *map(np.ascontiguousarray, (
+                centroids.uv, variance, self.rate_rad_s, self.rate_covariance))), confirmed)
         self.bank = self.bank.joined(added) if len(self.bank) else added
 
     def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
@@ -148,15 +148,19 @@ class StarModel(ABC):
 
     def error_px2(self, centroids: Centroids) -> np.ndarray:
         """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
-        error, floor = centroids.covariance, self._options.sigma_floor_px ** 2
-        if not len(error) or min(error[:, 0, 0].min(), error[:, 1, 1].min()) >= floor:
-            return error
-        error = error.copy()
-        for axis in range(2):
-            variance = error[:, axis, axis]
-            variance += np.maximum(floor - variance, 0.0)
-        return error
+        return floored(np.ascontiguousarray(centroids.covariance),
+                       self._options.sigma_floor_px ** 2)
 
     def is_sparse(self, frame: Centroids) -> bool:
         """Return whether a frame holds too few centroids for an attitude."""
         return len(frame) < self._options.min_stars
+
+
+@compiled
+def floored(covariance: np.ndarray, floor: float) -> np.ndarray:
+    """Return covariances (M, 2, 2) with variances of at least a floor."""
+    error = covariance.copy()
+    for i in range(len(error)):
+        for axis in range(2):
+            error[i, axis, axis] = max(error[i, axis, axis], floor)
+    return error

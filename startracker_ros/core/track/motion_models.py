@@ -12,7 +12,7 @@ from math import cos, factorial, sin
 
 import numpy as np
 from startracker_ros.core.camera.lens import (
-    distort, distortion_jacobian, Lens, plane_point, ray, undistort)
+    distort, distortion_jacobian, Lens, plane_point, ray, rays, undistort, undistorted)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
@@ -122,6 +122,29 @@ def image_flows(lens: Lens, directions: np.ndarray) -> np.ndarray:
         if not np.isnan(a):
             image_flow(lens, a, b, jacobian[star])
     return jacobian
+
+
+@compiled
+def moved_by(lens: Lens, uv: np.ndarray, variance: np.ndarray, rate: np.ndarray,
+             rate_covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return state (N, 4) and covariance (N, 4, 4) of stars at uv (N, 2) px, which the body turns.
+
+    variance (N,) px^2 per axis is that of uv; rate (3,) rad/s has a covariance (3, 3).
+    """
+    state, covariance = np.empty((len(uv), 4)), np.zeros((len(uv), 4, 4))
+    flow = image_flows(lens, rays(lens.equidistant, undistorted(lens, uv)))
+    for star in range(len(uv)):
+        for row in range(2):
+            state[star, 2 * row], state[star, 2 * row + 1] = uv[star, row], 0.0
+            covariance[star, 2 * row, 2 * row] = variance[star]
+            for i in range(3):
+                state[star, 2 * row + 1] += flow[star, row, i] * rate[i]
+                for column in range(2):
+                    for j in range(3):
+                        covariance[star, 2 * row + 1, 2 * column + 1] += (
+                            flow[star, row, i] * rate_covariance[i, j] * flow[star, column, j])
+    return state, covariance
 
 
 @compiled

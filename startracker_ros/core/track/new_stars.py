@@ -9,8 +9,8 @@ import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, plane_point
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.sorting import insert_sorted
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.motion_models import image_flow
 
@@ -25,27 +25,47 @@ MAX_DISTANCE_PX = 5.0
 
 
 def match_new_stars(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
-                    centroids: Centroids, sigma_px: np.ndarray, zero_point: float,
+                    uv: np.ndarray, flux: np.ndarray, sigma_px: np.ndarray, zero_point: float,
                     magnitude_tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """
     Return catalogue indices (K,) and centroid indices (K,) of unambiguous pairs.
 
-    sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
-    1 DN. A pair agrees in position and magnitude, and neither of the two agrees with any
-    other. Of a variable star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star
+    uv (M, 2) px, flux (M,) DN and sigma_px (M,) per axis are of the centroids; zero_point is the
+    magnitude of 1 DN. A pair agrees in position and magnitude, and neither of the two agrees with
+    any other. Of a variable star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star
     makes pairs ambiguous and is in none itself.
     """
     onboard = stars.onboard
-    near, sensor, uv = stars.beside(sky, attitude, centroids.uv, MAX_DISTANCE_PX)
+    uv, flux, sigma_px = map(np.ascontiguousarray, (uv, flux, sigma_px))
+    near, sensor, star_uv = stars.beside(sky, attitude, uv, MAX_DISTANCE_PX)
     star_index, centroid = _match(
-        near, sensor, uv, onboard.magnitude, onboard.crowded,
-        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
-        np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
-        stars.camera.lens, float(zero_point),
+        near, sensor, star_uv, onboard.magnitude, onboard.crowded, uv, flux, sigma_px,
+        np.ascontiguousarray(attitude.covariance_sensor), stars.camera.lens, zero_point,
         magnitude_tolerance + VARIABLE_SIGMAS * onboard.variation(near).astype(float))
     # The compiled function knows the neighbours among the stars only.
     single = ~sky.crowded(star_index)
     return star_index[single], centroid[single]
+
+
+@compiled
+def zero_point(magnitude: np.ndarray, star_index: np.ndarray, detected: np.ndarray,
+               flux: np.ndarray) -> float:
+    """
+    Return the median magnitude of 1 DN by stars (N,) of a catalogue and their flux (N,) in DN.
+
+    Only those detected (N,) bool count; NaN without any, or where one has no positive flux.
+    """
+    measured, count = np.empty(len(flux)), 0
+    for i in range(len(flux)):
+        if detected[i]:
+            if not flux[i] > 0:
+                return np.nan
+            insert_sorted(measured, count, magnitude[star_index[i]] + 2.5 * math.log10(flux[i]))
+            count += 1
+    middle = count // 2
+    if not count:
+        return np.nan
+    return (measured[middle] if count % 2 else (measured[middle - 1] + measured[middle]) / 2)
 
 
 @compiled

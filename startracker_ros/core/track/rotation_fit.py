@@ -45,8 +45,14 @@ class RotationFit:
 
     def is_good(self, stars: int, min_stars: int, max_residual_px: float) -> bool:
         """Return whether min_stars, and a third of stars, fit within max_residual_px rms."""
-        agree = int(np.count_nonzero(self.inlier)) >= max(min_stars, math.ceil(stars / 3))
-        return agree and self.residual_px <= max_residual_px
+        return is_good(int(np.count_nonzero(self.inlier)), stars, self.residual_px, min_stars,
+                       max_residual_px)
+
+
+def is_good(inliers: int, stars: int, residual_px: float, min_stars: int, max_residual_px: float
+            ) -> bool:
+    """Return whether min_stars, and a third of stars, fit within max_residual_px rms."""
+    return inliers >= max(min_stars, math.ceil(stars / 3)) and residual_px <= max_residual_px
 
 
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,

@@ -28,7 +28,7 @@ from startracker_ros.core.track.identified import fit_identified, IdentifiedFram
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
 from startracker_ros.core.track.model import FrameUpdate, StarModel
-from startracker_ros.core.track.new_stars import match_new_stars
+from startracker_ros.core.track.new_stars import match_new_stars, zero_point
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
 from startracker_ros.core.track.rolling_shutter import at_frame_time
@@ -260,22 +260,20 @@ class TrackFilter:
         vacant = self._options.max_stars - len(bank)
         if vacant <= 0 or not unassociated.any():
             return
-        frame = frame.select(unassociated)
+        free = np.flatnonzero(unassociated)
         star_index, centroid = match_new_stars(
-            self._stars, self._tracked_sky, fit.attitude, frame,
-            fit.scale * self._model.sigma_px(frame), self._zero_point(bank),
+            self._stars, self._tracked_sky, fit.attitude, frame.uv[free], frame.flux[free],
+            fit.scale * self._model.sigma_px(frame)[free], self._zero_point(bank),
             self._options.magnitude_tolerance)
+        if not len(star_index):
+            return
         new = np.flatnonzero(~(star_index[:, None] == bank.star_index).any(axis=1))[:vacant]
-        star_index, centroid = star_index[new], centroid[new]
-        if len(star_index):
-            self._add_tracks(star_index, frame.select(centroid), confirmed=False)
+        if len(new):
+            self._add_tracks(star_index[new], frame.select(free[centroid[new]]), confirmed=False)
 
     def _zero_point(self, bank: TrackBank) -> float:
         """Return the magnitude of 1 DN by the detected stars of a bank."""
-        detected = bank.detected
-        with np.errstate(invalid='ignore', divide='ignore'):
-            return median(self._onboard.magnitude[bank.star_index[detected]]
-                          + 2.5 * np.log10(bank.flux[detected]))
+        return zero_point(self._onboard.magnitude, bank.star_index, bank.detected, bank.flux)
 
     # --- transitions ---
 
@@ -379,8 +377,9 @@ class TrackFilter:
                 or self._are_seen(frame)):
             return
         star_index, centroid = match_new_stars(
-            self._stars, self._tracked_sky, attitude, frame, self._model.sigma_px(frame),
-            self._zero_point(self._seen), self._options.magnitude_tolerance)
+            self._stars, self._tracked_sky, attitude, frame.uv, frame.flux,
+            self._model.sigma_px(frame), self._zero_point(self._seen),
+            self._options.magnitude_tolerance)
         hip = np.zeros(len(frame), np.int64)
         hip[centroid] = self._onboard.hip[star_index]
         found, _ = fit_identified(self._camera, self._tracked_sky, self._options, stamp_ns, frame,

@@ -19,8 +19,8 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions, Searched
-from startracker_ros.core.centroid.gaussian_fit import fit_stars
 from startracker_ros.core.centroid.noise import initial_noise_model
+from startracker_ros.core.centroid.point_stars import fit_free_sigma
 from startracker_ros.core.centroid.psf import SIGMA, U, V
 from startracker_ros.core.frame_result import Attitude
 from startracker_ros.core.identify.icrf import icrf_identification
@@ -136,13 +136,12 @@ def _widths(centroids: Centroids, searched: Searched | None) -> tuple[np.ndarray
     if searched is None or not len(bright):
         return np.empty((0, 2)), np.empty(0)
     frame = searched.frame
-    windows, start = frame.windows(
-        frame.search.peaks.select(slice(0, _WIDTH_STARS)), searched.sigma_px)
-    unsaturated = windows.saturated_cores() == 0
-    fit = fit_stars(windows.select(unsaturated), start[unsaturated],
-                    initial_noise_model(frame.background_dn, frame.noise_dn ** 2),
-                    free_sigma=True, iterations=_WIDTH_ITERATIONS)
-    uv, width = fit.parameters[:, [U, V]], fit.parameters[:, SIGMA]
+    star = fit_free_sigma(
+        frame.image, frame.mesh, frame.kernel, frame.full_scale_dn,
+        frame.search.peaks.select(slice(0, _WIDTH_STARS)),
+        initial_noise_model(frame.background_dn, frame.noise_dn ** 2), searched.sigma_px,
+        _WIDTH_ITERATIONS)[0]
+    uv, width = star[:, [U, V]], star[:, SIGMA]
     _, near = nearest(bright.uv, uv, 1.0)
     return uv[near], width[near]
 

@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import chi2
 from star_windows import psf_image, windows_of
 from startracker_ros.core.centroid.background import readable
-from startracker_ros.core.centroid.gaussian_fit import fit_stars
+from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
 from startracker_ros.core.centroid.noise import NoiseModel
 from startracker_ros.core.centroid.streak_fit import fit_streaks, Pixels
 
@@ -74,7 +74,7 @@ def test_stars(snr, width_px):
             BACKGROUND + NOISE.gain_dn * light)
         start = np.tile(star, (STARS, 1))
         start[:, :2] += rng.uniform(-0.3, 0.3, (STARS, 2))
-        fit = fit_stars(windows_of(data, BACKGROUND), start, NOISE)
+        fit = fit_stars(windows_of(data, BACKGROUND), start, NOISE, 4, ITERATIONS)
         variance = bound(lambda one: psf_image([*one, width_px], side_px), star[:4])
         for axis in range(2):
             check(fit.parameters[:, axis] - star[axis], variance[axis, axis],

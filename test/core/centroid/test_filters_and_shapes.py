@@ -10,15 +10,15 @@ from star_windows import psf_image, windows_of
 from startracker_ros.core.centroid.background import measure_background, readable
 from startracker_ros.core.centroid.detection import Threshold
 from startracker_ros.core.centroid.frame import prepare
-from startracker_ros.core.centroid.gaussian_fit import fit_stars
-from startracker_ros.core.centroid.hits import is_hit
+from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
+from startracker_ros.core.centroid.hits import is_hit, least_share
 from startracker_ros.core.centroid.noise import NoiseModel
 from startracker_ros.core.centroid.pointing_error import pointing_error, UNCERTAIN
 from startracker_ros.core.centroid.position import drifted, duplicates
 from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.centroid.quota import brightest, CELL_SHARE, CELLS
 from startracker_ros.core.centroid.rejection import Rejections
-from startracker_ros.core.centroid.shape import classify_shapes, lone_pixels, MARGIN
+from startracker_ros.core.centroid.shape import classify_shapes, lone_pixel, MARGIN
 from startracker_ros.core.centroid.smoothing import (
     filter_across, filter_down, filtered_at, gaussian_kernel)
 from startracker_ros.core.centroid.spots import connected_spots
@@ -67,7 +67,7 @@ def spots(data, sigma_px=1.0):
     """Return windows of data (K, 15, 15) and the fits of stars of this width in the middle."""
     windows = windows_of(data, BACKGROUND)
     start = np.tile([7.0, 7.0, 5000.0, 0.0, sigma_px], (len(data), 1))
-    return windows, fit_stars(windows, start, NOISE)
+    return windows, fit_stars(windows, start, NOISE, 4, ITERATIONS)
 
 
 def star(sigma_px=1.0, flux=5000.0):
@@ -85,7 +85,7 @@ def test_shapes():
     np.testing.assert_array_equal(shape.narrow, [False, True, False, False])
     assert not shape.wide[0] and shape.wide[2]
     np.testing.assert_array_equal(shape.elongated, [False, False, False, True])
-    np.testing.assert_array_equal(lone_pixels(data[:2].astype(np.float32)), [False, True])
+    assert [lone_pixel(one) for one in data[:2].astype(np.float32)] == [False, True]
 
 
 @pytest.mark.parametrize('width', [0.6, 0.66, 1.2, 1.5, 1.7])
@@ -152,8 +152,11 @@ def test_a_spot_is_rejected_once():
     np.testing.assert_array_equal(kept, [False, False, True, True])
     other = Rejections()
     other.add('hot', uv[2:])
+    other.add_coded(('', 'hot', 'wide'), np.array([0, 2, 0, 1], np.int8), uv)
+    assert other.counts == {'hot': 3, 'wide': 1}
+    np.testing.assert_array_equal(np.concatenate(other.uv[-2:]), uv[[3, 1]])
     rejections.include(other)
-    assert rejections.counts == {'hot': 3, 'wide': 1} and len(rejections.uv) == 3
+    assert rejections.counts == {'hot': 4, 'wide': 2} and len(rejections.uv) == 5
 
 
 def scene(sigma_px, kick=None, side_px=256):
@@ -184,10 +187,11 @@ def test_the_width_of_the_stars_and_peaks_near_predictions(sigma_px):
     frame = prepare(image, sigma_px, SIGMA, 16)
     found, certain = measure_psf_sigma(frame)
     assert certain and found == pytest.approx(sigma_px, rel=0.02)
-    peaks, near = peaks_near(image, frame.kernel, frame.mesh, SIGMA,
-                             np.concatenate([stars[:, :2] + 2.0, [[10.0, 10.0]]]),
-                             np.full(10, 4.0))
+    peaks, near, hits = peaks_near(image, frame.kernel, frame.mesh, SIGMA,
+                                   np.concatenate([stars[:, :2] + 2.0, [[10.0, 10.0]]]),
+                                   np.full(10, 4.0), least_share(sigma_px))
     np.testing.assert_array_equal(near, np.arange(10) < 9)
+    assert not hits
     # The same peaks as in a search of the whole image.
     whole = {tuple(uv): height for uv, height in zip(frame.search.peaks.uv.tolist(),
                                                      frame.search.peaks.height)}

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from star_windows import psf_image, windows_of
 from startracker_ros.core.centroid.background import readable
-from startracker_ros.core.centroid.gaussian_fit import fit_stars
+from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
 from startracker_ros.core.centroid.noise import NoiseModel, pixel_variance
 from startracker_ros.core.centroid.noise_fit import refine_noise_model
 from startracker_ros.core.centroid.normal_equations import invert
@@ -81,11 +81,11 @@ def test_information_step_and_chi_square_of_a_star(u, v, sigma, free_sigma):
     information, step, chi2 = gauss_newton(
         lambda star: psf_image(star, 15), start, windows.data[0, :, :15].astype(float), free,
         windows.used[0, :, :15])
-    fit = fit_stars(windows, start[None], NOISE, free_sigma=free_sigma, iterations=0)
+    fit = fit_stars(windows, start[None], NOISE, free, 0)
     same_information(np.linalg.inv(fit.covariance[0]), information)
     assert fit.chi2[0] == pytest.approx(chi2, rel=1e-4)
     assert fit.dof[0] == 15 * 15 - 1 - free
-    moved = fit_stars(windows, start[None], NOISE, free_sigma=free_sigma, iterations=1)
+    moved = fit_stars(windows, start[None], NOISE, free, 1)
     np.testing.assert_allclose(
         (moved.parameters[0] - start)[:free], step, rtol=2e-3,
         atol=1e-3 * np.sqrt(np.diag(np.linalg.inv(information))).min())
@@ -163,8 +163,8 @@ def test_the_noise_model_is_that_of_the_pixels(gain, model_error):
     windows = windows_of(light + sigma * rng.normal(0, 1, light.shape), BACKGROUND)
     noise = NoiseModel(3 * gain, 0.0)
     for _ in range(4):
-        noise = refine_noise_model(noise, fit_stars(windows, star, noise), windows,
-                                   np.ones(count, bool))
+        noise = refine_noise_model(noise, fit_stars(windows, star, noise, 4, ITERATIONS),
+                                   windows, np.ones(count, bool))
     # Both at once: with the model error free, that of small fluxes is in its error.
     assert noise.gain_dn == pytest.approx(gain, rel=0.06)
     assert noise.model_error == pytest.approx(model_error, rel=0.06, abs=0.012)

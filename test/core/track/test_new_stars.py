@@ -8,7 +8,6 @@ from star_motion import CAMERA
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import quaternion_from_pointing, rotate
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.new_stars import match_new_stars
@@ -26,11 +25,10 @@ def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e
     attitude = AttitudeEstimate(
         Q, np.diag([sigma_rad, sigma_rad, roll_sigma_rad]) ** 2, 9, np.zeros(9), 9.0)
     uv = np.reshape(uv, (-1, 2))
-    centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
-                          np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    stars = StarsInView(CAMERA, onboard)
+    flux = 10 ** (0.4 * (20 - np.asarray(magnitude, float)))
     index, centroid = match_new_stars(
-        stars, ApparentCatalog(onboard), attitude, centroids, centroids.sigma_px, 20.0, 1.0)
+        StarsInView(CAMERA, onboard), ApparentCatalog(onboard), attitude, uv, flux,
+        np.full(len(uv), 0.1), 20.0, 1.0)
     return sorted(zip(onboard.hip[index].tolist(), centroid.tolist()))
 
 
