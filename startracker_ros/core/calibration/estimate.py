@@ -7,9 +7,9 @@ The calibration of a camera: matching and bundle adjustment in turn, selection o
 A better distortion model brings stars near the edges into the gate, so matching is repeated
 with each adjusted camera until the set of stars is nearly constant.
 
-Focal length, principal point and k1 are estimated whenever the stars determine them. A
-further distortion term is estimated only when it differs significantly from zero; otherwise
-it would only add noise in the corners.
+Focal length, principal point and k1, of a fisheye k2 too, are estimated whenever the stars
+determine them. A further distortion term is estimated only when it differs significantly from
+zero; otherwise it would only add noise in the corners.
 """
 
 from collections.abc import Sequence
@@ -29,6 +29,8 @@ MIN_FRAME_STARS = 5
 """Four stars hardly determine more than the attitude of their own frame."""
 
 _BASE_TERMS = ('focal', 'centre', 'k1')
+# Of a fisheye at once: without its distortion no focal length fits.
+_FISHEYE_TERMS = ('focal', 'k1', 'centre', 'k2')
 # Significance level of a distortion term: false alarms per camera.
 _SIGNIFICANCE = 1e-3
 # Largest 1 sigma of a determined parameter: focal length (relative), principal point (relative
@@ -81,7 +83,8 @@ def calibrate(views: Sequence[View], camera: Camera, onboard: OnboardCatalog,
 
     The initial camera and the attitudes of the views must be accurate to a few px in most of
     the image. terms are estimated besides the focal length; without any the significant terms
-    are selected. CalibrationError names what the stars do not determine.
+    are selected. Of a fisheye one view is enough. CalibrationError names what the stars do not
+    determine.
     """
     frames = np.arange(len(views))
     quaternions = np.array([view.quaternion for view in views]).reshape(-1, 4)
@@ -91,7 +94,7 @@ def calibrate(views: Sequence[View], camera: Camera, onboard: OnboardCatalog,
     start = camera if terms else camera.ideal()
     before = 0
     for _ in range(_MAX_ITERATIONS):
-        if len(frames) < 2:
+        if len(frames) < (1 if camera.model.equidistant else 2):
             raise CalibrationError(
                 f'{len(frames)} identified images, at least 2 are needed: in a single one the '
                 'principal point and the attitude are not determined separately, and the '
@@ -103,8 +106,12 @@ def calibrate(views: Sequence[View], camera: Camera, onboard: OnboardCatalog,
             # Wrongly identified frames, or frames with hardly any stars.
             frames, quaternions = frames[enough], quaternions[enough]
             continue
-        _check_geometry(stars, camera, quaternions)
+        if len(stars) < MIN_STARS:
+            raise CalibrationError(
+                f'{len(stars)} identified stars, at least {MIN_STARS} are needed: focal length, '
+                'principal point and distortion are not determined')
         found, held = _select_terms(start, stars, quaternions, terms)
+        _check_geometry(found, quaternions)
         camera, quaternions = found.camera, found.quaternions
         enough = np.bincount(stars.frame[found.used], minlength=len(frames)) >= MIN_FRAME_STARS
         if not enough.all():
@@ -138,13 +145,11 @@ def star_shift(camera: Camera, quaternion: np.ndarray, others: np.ndarray) -> np
     return np.maximum(across, about) / camera.width
 
 
-def _check_geometry(stars: MatchedStars, camera: Camera, quaternions: np.ndarray) -> None:
-    """Raise CalibrationError for too few stars or frames of one pointing."""
-    if len(stars) < MIN_STARS:
-        raise CalibrationError(
-            f'{len(stars)} identified stars, at least {MIN_STARS} are needed: focal length, '
-            'principal point and distortion are not determined')
-    if star_shift(camera, quaternions[0], quaternions).max() < _SAME_POINTING:
+def _check_geometry(found: Adjustment, quaternions: np.ndarray) -> None:
+    """Raise CalibrationError for frames (F, 4) of one pointing; one of a fisheye has it all."""
+    if found.camera.model.equidistant and 'centre' in found.terms:
+        return
+    if star_shift(found.camera, quaternions[0], quaternions).max() < _SAME_POINTING:
         raise CalibrationError(
             'all images have the same pointing and roll, so every star is at the same pixels: '
             'the principal point and the attitude are not determined separately; rotate the '
@@ -154,10 +159,14 @@ def _check_geometry(stars: MatchedStars, camera: Camera, quaternions: np.ndarray
 def _select_terms(camera: Camera, stars: MatchedStars, quaternions: np.ndarray,
                   wanted: Sequence[str]) -> tuple[Adjustment, dict[str, str]]:
     """Return the adjustment of the wanted terms or, without any, of the significant ones."""
-    found = adjust(camera, stars, quaternions, ('focal',))
-    reason = _undetermined(found)
-    if reason:
-        raise CalibrationError(reason)
+    found = None
+    if camera.model.equidistant and not wanted:
+        found = _determined(camera, stars, quaternions, _FISHEYE_TERMS)
+    if found is None:
+        found = adjust(camera, stars, quaternions, ('focal',))
+        reason = _undetermined(found)
+        if reason:
+            raise CalibrationError(reason)
     held = {}
     for term in TERMS:
         if term in found.terms or (wanted and term not in wanted):
@@ -180,6 +189,16 @@ def _select_terms(camera: Camera, stars: MatchedStars, quaternions: np.ndarray,
         else:
             held[term] = reason
     return found, held
+
+
+def _determined(camera: Camera, stars: MatchedStars, quaternions: np.ndarray,
+                terms: tuple[str, ...]) -> Adjustment | None:
+    """Return the adjustment of terms, None where the stars do not determine all of them."""
+    try:
+        found = adjust(camera, stars, quaternions, terms)
+    except CalibrationError:
+        return None
+    return None if _undetermined(found) else found
 
 
 def _undetermined(found: Adjustment) -> str:

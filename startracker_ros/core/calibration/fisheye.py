@@ -45,7 +45,7 @@ _PROJECTIONS = {
 # Assumed focal lengths, from part of a circle to a circle with a margin: the longest side of the
 # image has that many, the shortest side this many, and one is so many times the next.
 _LEAST_SPAN, _MOST_SPAN, _STEP = 1.3, 5.2, 1.15
-_LISTS, _SPOTS, _NEIGHBOURS = 2, 40, 7
+_LISTS, _SPOTS, _NEIGHBOURS = 2, 60, 7
 _TOLERANCE, _RATIO = 0.012, 1.15  # of codes; of the focal length that a quad shows
 _MOST_CANDIDATES = 20_000
 # Prior standard deviations of attitude, focal length, pixel ratio, principal point, k1 to k4.

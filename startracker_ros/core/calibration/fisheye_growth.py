@@ -18,7 +18,7 @@ of the fit are worth six stars, which do not count. Both are combined as Fisher 
 
 import numpy as np
 from startracker_ros.core.attitude.triad import triad
-from startracker_ros.core.calibration.lens_fit import fit_lens, linearised
+from startracker_ros.core.calibration.lens_fit import fit_lens, linearised, stars_in_image
 from startracker_ros.core.camera.lens import Lens, project, rays, shows, undistorted
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.false_alarm import (
@@ -97,11 +97,12 @@ def gated(lens: Lens, q: np.ndarray, covariance: np.ndarray, error_px: float,
 
     The lens has the covariance (11, 11), the spots uv (N, 2) have the error error_px.
     """
-    pixel, partial = linearised(lens, q, direction, len(covariance))
-    sensor = sensor_directions(matrix_from_quaternion(q), direction)
+    index, _ = stars_in_image(lens, q, direction)
+    pixel, partial = linearised(lens, q, direction[index], len(covariance))
+    sensor = sensor_directions(matrix_from_quaternion(q), direction[index])
     matched, best = np.full(len(uv), -1), np.full(len(uv), np.inf)
     largest = _MOST_CHANCE * lens.width * lens.height / (np.pi * len(uv))
-    for k in range(len(direction)):
+    for k in range(len(index)):
         u, v = pixel[k, 0], pixel[k, 1]
         if sensor[k, 2] < _WIDEST_COS or not shows(lens, u, v):
             continue
@@ -122,7 +123,7 @@ def gated(lens: Lens, q: np.ndarray, covariance: np.ndarray, error_px: float,
             if square < least:
                 nearest, least = i, square
         if nearest >= 0 and least < best[nearest]:
-            matched[nearest], best[nearest] = k, least
+            matched[nearest], best[nearest] = index[k], least
     return matched
 
 

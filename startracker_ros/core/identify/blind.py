@@ -81,8 +81,9 @@ _TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
 _PLANE = _Lens(_PLANE_DEG, 1.0, _TOLERANCE, _LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
 _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_STEP)
               for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
-# Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones.
-_TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.2, False), (0.3, 0.6, 0.8, True))
+# Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
+# and as many everywhere.
+_TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
 # Quads are made of so many of the brightest stars, in turn.
 _BATCHES, _QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
 _MOST_CANDIDATES = 50_000  # of one look-up
@@ -220,7 +221,7 @@ class BlindIdentifier:
             least, most, density, deep = _TABLES[number]
             catalog = self._deep() if deep else load_catalog()
             self._tables[number] = catalog, sky_quads(
-                catalog, REFERENCE_YEAR, least, most, density)
+                catalog, REFERENCE_YEAR, least, most, density, even=deep)
         prepare(self._tables[number][1].stored)
         return self._tables[number]
 

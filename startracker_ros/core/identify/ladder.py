@@ -60,6 +60,7 @@ STEPS = (
     Step(2.0, k1=-0.2), Step(2.0, 0.7, pixel_ratio=0.935), Step(2.0, 0.7, pixel_ratio=1.07),
     Step(4.0, k1=0.15), Step(4.0, k1=-0.35), Step(0.5, 1.3), Step(1.0, 1.3),
     Step(4.0, pixel_ratio=1.07, k1=-0.2), Step(4.0, pixel_ratio=0.935, k1=-0.2))
+_DEEPEST_MAG = 9.0  # where Hipparcos is nearly complete
 # A search that succeeds mostly does so within a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
 _LONGEST_S = 0.3  # of all searches, so that an image without stars is soon left
@@ -214,8 +215,11 @@ class LadderIdentifier:
         if deeper_mag not in self._databases:
             options = self._options
             if deeper_mag:
-                limit = self.magnitude_limit + deeper_mag
-                options = replace(options, magnitude_limit=min(limit, 9.0))
+                limit = min(self.magnitude_limit + deeper_mag, _DEEPEST_MAG)
+                # The automatic limit of a narrow field is deeper.
+                if limit <= self.magnitude_limit:
+                    return self._database(0.0)
+                options = replace(options, magnitude_limit=limit)
             self._databases[deeper_mag] = UncalibratedPyramid(
                 self.camera, REFERENCE_YEAR, options)
         return self._databases[deeper_mag]

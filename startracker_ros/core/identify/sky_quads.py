@@ -14,7 +14,9 @@ so that any four stars are a quad; codes are on the sphere, so that wide fields 
 are looked up in the cells of a grid, not in a tree.
 
 The sky is covered by levels. That of the side d has the brightest stars, so many in d^2 on
-average, and quads whose longest side is d to sqrt(2) d.
+average, and quads whose longest side is d to sqrt(2) d. For narrow fields, whose density differs
+by an order of magnitude, these are the brightest stars of each cell of the sky: a field at the
+galactic pole then has as many quads as one in the Milky Way.
 """
 
 from typing import NamedTuple
@@ -32,6 +34,7 @@ _CROWD = 1 / 60
 # Of the stars between A and B the brightest.
 _INNER = 4
 _FEWEST_STARS = 150
+_CELL_STARS = 3
 # Cells of the codes along x, 0 to 1, and along y, -1 to 1.
 _CELLS_X, _CELLS_Y = 26, 52
 
@@ -58,26 +61,31 @@ class SkyQuads(NamedTuple):
 
 
 def sky_quads(catalog: StarCatalog, epoch_year: float, least_deg: float, most_deg: float,
-              density: float) -> SkyQuads:
+              density: float, *, even: bool = False) -> SkyQuads:
     """
     Return the quads of longest sides from least to most, from the cache or built.
 
-    A level has density stars in the square of its side.
+    A level has density stars in the square of its side; even has as many everywhere.
     """
     def build() -> dict[str, np.ndarray]:
-        return _build(catalog.directions(epoch_year), least_deg, most_deg, density)._asdict()
+        return _build(catalog.directions(epoch_year), least_deg, most_deg, density,
+                      even)._asdict()
     stored = stored_arrays('quads', digest(
-        catalog.digest, epoch_year, least_deg, most_deg, density), build)
+        catalog.digest, epoch_year, least_deg, most_deg, density, even), build)
     return SkyQuads(QuadTable(**stored.arrays), stored)
 
 
-def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: float
-           ) -> QuadTable:
+def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: float,
+           even: bool = False) -> QuadTable:
     """Return the table of stars (N, 3), brightest first."""
     parts, side_rad = [], np.radians(least_deg)
     while side_rad < np.radians(most_deg) * 0.999:
-        count = max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS)
-        star = _not_crowded(direction[:count], _CROWD * side_rad)
+        if even:
+            bright = _brightest_of_cells(direction, side_rad * np.sqrt(_CELL_STARS / density))
+        else:
+            bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS))
+            bright = bright[:len(direction)]
+        star = bright[_not_crowded(direction[bright], _CROWD * side_rad)]
         parts.append(_level(direction, star, side_rad))
         side_rad *= _STEP
     code, quad, side = (np.concatenate(columns) for columns in zip(*parts))
@@ -86,6 +94,21 @@ def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: fl
     start = np.zeros((_CELLS_X * _CELLS_Y) ** 2 + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
     return QuadTable(code[order], quad[order], side[order], start)
+
+
+def _brightest_of_cells(direction: np.ndarray, side_rad: float) -> np.ndarray:
+    """Return the rows of the _CELL_STARS first stars (N, 3) of each cell of about this side."""
+    bands = int(np.ceil(np.pi / side_rad))
+    declination = np.arcsin(np.clip(direction[:, 2], -1, 1))
+    band = np.minimum((declination / np.pi + 0.5) * bands, bands - 1).astype(int)
+    middle = ((np.arange(bands) + 0.5) / bands - 0.5) * np.pi
+    across = np.ceil(2 * np.pi * np.cos(middle) / side_rad).astype(int)
+    along = (np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi) + 0.5) * across[band]
+    cell = (np.cumsum(across) - across)[band] + along.astype(int) % across[band]
+    order = np.argsort(cell, kind='stable')
+    # The place of each star in its own cell.
+    place = np.arange(len(order)) - np.searchsorted(cell[order], cell[order])
+    return np.sort(order[place < _CELL_STARS])
 
 
 def _not_crowded(direction: np.ndarray, radius_rad: float) -> np.ndarray:

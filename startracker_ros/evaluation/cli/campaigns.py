@@ -104,6 +104,10 @@ _campaign('centroid', 'campaign.centroid:run_centroid_campaign',
 _campaign('lenses', 'campaign.lenses:run_lenses_campaign',
           'Star lists of uncalibrated lenses of 5 to 70 deg, solved with the field of view alone.',
           trials_option(200, 'Fields, each of a lens of its own.'), scheduler_option)
+_campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
+          'Star lists of fisheyes of which nothing is known, and spots that are no sky.',
+          trials_option(200, 'Nights of each projection, lists of each kind without a sky.'),
+          scheduler_option)
 _campaign('heads', 'campaign.heads:run_heads_campaign',
           'Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads.',
           trials_option(50, 'Runs of 2000 frames for each figure, a 25th of them for learning '

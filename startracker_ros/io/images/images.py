@@ -13,7 +13,7 @@ import zlib
 
 import cv2
 import numpy as np
-from startracker_ros.core.camera.distortion import PLUMB_BOB
+from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
 from startracker_ros.io.images import fits_image
@@ -28,6 +28,9 @@ _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 MOST_PIXELS = 120_000_000
 # The catalogue has 25 stars a square degree, to V 11.
 LEAST_FOV_DEG = 0.3
+ANY_FISHEYE_DEG = 180.0
+"""That of the camera that stands for a fisheye of which nothing is known."""
+
 _GZIP = b'\x1f\x8b'
 _RAW_SUFFIXES = ('.arw', '.cr2', '.cr3', '.dng', '.nef', '.orf', '.pef', '.raf', '.rw2', '.srw')
 _SUFFIXES = ('.bmp', '.fit', '.fit.gz', '.fits', '.fits.fz', '.fits.gz', '.fts', '.jpeg', '.jpg',
@@ -235,7 +238,9 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
 def _ideal_camera(width: int, height: int, fov_deg: float | None,
                   distortion_model: str = PLUMB_BOB) -> Camera:
     if fov_deg is None:
-        raise CameraError('neither a camera file nor a field of view')
+        if distortion_model != EQUIDISTANT:
+            raise CameraError('neither a camera file nor a field of view')
+        fov_deg = ANY_FISHEYE_DEG
     if 0 < fov_deg < LEAST_FOV_DEG:
         raise CameraError(f'field of view {fov_deg:g} deg: in less than {LEAST_FOV_DEG:g} deg '
                           'the catalogue has too few stars')
@@ -253,6 +258,8 @@ def camera_of(path: Path | str, image: np.ndarray, camera: Camera | None, fov_de
               distortion_model: str = PLUMB_BOB) -> Camera:
     """
     Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.
+
+    A fisheye of which nothing is known has ANY_FISHEYE_DEG.
 
     ImageError when the given camera has another image size.
     """

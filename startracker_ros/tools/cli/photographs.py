@@ -121,11 +121,6 @@ def _image_files(images: tuple[Path, ...]) -> list[Path]:
     return paths
 
 
-def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
-    if (fov_deg is None) == (camera_file is None):
-        raise click.UsageError('give either --fov-deg or --camera')
-
-
 _EXAMPLES = """\b
 Examples:
   startracker solve night.jpg
@@ -191,13 +186,14 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
               help='Camera YAML to write, as camera_calibration writes it.')
-@click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
+@click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %; a fisheye '
+              'needs none.')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML, or FITS header with SIP, to start from instead of --fov-deg.')
 @_observer_options('today, without aberration')
 @click.option('--distortion-model', type=click.Choice(['plumb_bob', 'equidistant']),
               default='plumb_bob', show_default=True,
-              help='Lens with --fov-deg; equidistant for fisheyes, as wide as 150 deg and more.')
+              help='Lens without --camera; equidistant for fisheyes, of any projection.')
 @click.option('--free', 'terms', multiple=True,
               type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3', 'k4']),
               help='Estimate just these beside the focal length.  [default: the data decide]')
@@ -215,7 +211,10 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     from startracker_ros.io.output import check_output
     from startracker_ros.tools.photographs.calibrate import calibrate_files
     from startracker_ros.tools.photographs.epoch_and_site import epoch_of
-    _check_one_camera(fov_deg, camera_file)
+    unknown = fov_deg is None and camera_file is None
+    if (unknown and distortion_model != 'equidistant'
+            or fov_deg is not None and camera_file is not None):
+        raise click.UsageError('give either --fov-deg or --camera')
     where = _observer_site(**observer_site)
     if epoch_year is None and where.known:
         raise click.UsageError('--site and --velocity need --epoch')

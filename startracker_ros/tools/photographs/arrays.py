@@ -14,7 +14,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import (
     epoch_year_from_stamp, epoch_year_now, stamp_from_datetime)
 from startracker_ros.core.calibration.estimate import Calibration
-from startracker_ros.core.camera.distortion import PLUMB_BOB
+from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, check_image, Extraction, ExtractionOptions)
@@ -82,11 +82,13 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
     """
     Return the calibration of the camera of images, `frames` the indices of those that are used.
 
-    It starts from fov_deg, within 5 %, or from a camera. epoch, without aberration if None, terms
-    and distortion_model are as those of `startracker calibrate`. CalibrationError, a ValueError,
-    where the images do not determine the camera.
+    It starts from fov_deg, within 5 %, or from a camera; a fisheye needs neither. epoch, without
+    aberration if None, terms and distortion_model are as those of `startracker calibrate`.
+    CalibrationError, a ValueError, where the images do not determine the camera.
     """
-    if (fov_deg is None) == (camera is None):
+    unknown = fov_deg is None and camera is None
+    if (unknown and distortion_model != EQUIDISTANT
+            or fov_deg is not None and camera is not None):
         raise ValueError('give either fov_deg or camera')
     year, centroids = _year(epoch), {}
     for index, image in enumerate(images):

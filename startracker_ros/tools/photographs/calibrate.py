@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from startracker_ros.core.astro.epoch import epoch_year_now
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
+from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.calibration.matching import View
 from startracker_ros.core.calibration.summary import figures, summary
@@ -22,6 +24,7 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.identify.methods import make_identifier
@@ -55,10 +58,10 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     Calibrate the camera of image files and write it to output.
 
     The initial camera is that of camera_file or an ideal one of fov_deg and distortion_model with
-    the size of the first readable image. epoch_year None is today; observer is how the camera
-    moved then. The row of an unused image has the reason. CameraError for an impossible initial
-    camera, CalibrationError when the images do not determine the camera, OSError when output
-    cannot be written.
+    the size of the first readable image; a fisheye needs neither. epoch_year None is today;
+    observer is how the camera moved then. The row of an unused image has the reason. CameraError
+    for an impossible initial camera, CalibrationError when the images do not determine the camera,
+    OSError when output cannot be written.
     """
     if epoch_year is None:
         epoch_year = epoch_year_now()
@@ -137,11 +140,16 @@ def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
 def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
                       ) -> Camera:
     """Return the lens of the first image that a search without a calibration solves."""
+    shape = camera.height, camera.width
     ladder = LadderIdentifier(camera, epoch_year, _WIDE)
-    for image_centroids in centroids.values():
-        for attempt in ladder.identify([image_centroids]):
+    searches = [(ladder.identify, _WIDE.fov_error_percent / 100)]
+    if camera.model.equidistant:
+        fisheye = FisheyeIdentifier(epoch_year, BlindIdentifier(epoch_year).wide_quads)
+        searches.insert(0, (lambda lists: fisheye.identify(lists, shape), LENS_ERROR))
+    for image_centroids, (identify, focal_error) in product(centroids.values(), searches):
+        for attempt in identify([image_centroids]):
             if attempt.identification.attitude is not None:
-                lens = learn_lens(attempt, _WIDE.fov_error_percent / 100)
+                lens = learn_lens(attempt, focal_error)
                 if not lens.rejected:
                     return _with_likely_ratio(lens.camera, camera.fy / camera.fx)
     return camera

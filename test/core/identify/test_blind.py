@@ -62,6 +62,23 @@ def test_a_field_of_any_width_is_found(identifier, fov_deg):
     assert solved >= 3
 
 
+@pytest.mark.parametrize('fov_deg', [1.3, 2.2])
+def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
+    rng, solved = np.random.default_rng(4), 0
+    for _ in range(20):
+        stars, q = frame(rng, fov_deg, 16, 4)
+        for attempt in identifier.identify([stars], SHAPE):
+            lens = learn_lens(attempt, LENS_ERROR)
+            if not lens.rejected:
+                error = attitude_error(lens.attitude.quaternion, q)
+                # A roll is measured over the narrow field alone.
+                assert np.hypot(*error[:2]) < 0.01 * np.radians(fov_deg)
+                assert abs(error[2]) < 0.003
+                solved += 1
+                break
+    assert solved >= 17
+
+
 @pytest.mark.parametrize('spots', [4, 12, 60])
 @pytest.mark.parametrize('seed', range(3))
 def test_random_spots_are_no_field(identifier, spots, seed):

@@ -7,7 +7,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from startracker_ros.core.identify.sky_quads import _build, matching_quads, quad_code
+from startracker_ros.core.identify.sky_quads import (
+    _brightest_of_cells, _build, matching_quads, quad_code)
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
 
 ANYTHING = 0.1, 10.0
@@ -78,6 +79,33 @@ def test_the_table_has_quads_of_its_sides_alone():
     assert len(known) > 0.6 * len(possible) > 20
     code = table.code
     assert (code[:, 0] + code[:, 2] <= 1 + 1e-6).all() and (code[:, 0] <= code[:, 2]).all()
+
+
+def test_cells_give_a_poor_sky_as_many_quads_as_a_rich_one():
+    rng, vectors = np.random.default_rng(3), sky(60_000)
+    # The stars of the north are ten times as many, and in the same order of brightness.
+    direction = vectors[(vectors[:, 2] > 0) | (rng.uniform(size=len(vectors)) < 0.1)]
+    quads, poor = [], []
+    for even in (False, True):
+        table = _build(direction, 5.0, 7.0, 1.0, even)
+        middle = direction[table.star].mean(axis=1)
+        quads.append(len(table.star))
+        poor.append(np.mean(middle[:, 2] < 0))
+    assert poor[0] < 0.01 and 0.4 < poor[1] < 0.6
+    # Not by more quads: those of crowds are left out.
+    assert quads[1] < quads[0]
+
+
+@pytest.mark.parametrize('count', [1, 3, 500])
+def test_the_brightest_of_each_cell_are_few_and_everywhere(count):
+    direction = sky(count)
+    chosen = _brightest_of_cells(direction, np.radians(30.0))
+    assert (np.diff(chosen) > 0).all() and chosen[0] == 0
+    if count == 500:
+        # Of some 50 cells three each; no direction is far from all of them.
+        assert 100 < len(chosen) < 200
+        nearest = (sky(300, 6) @ direction[chosen].T).max(axis=1)
+        assert np.degrees(np.arccos(nearest.min())) < 40
 
 
 def test_a_table_finds_what_a_search_of_all_its_codes_finds():

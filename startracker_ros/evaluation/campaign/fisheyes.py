@@ -1,0 +1,270 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Simulated nights of unknown fisheyes: how many are solved, and whether any wrongly.
+
+Each draw has a lens of its own: one of five projections, a circle of 100 to 190 deg, off centre
+and partly cropped, in an image of one of three shapes. Its axis is up to 75 deg from the zenith.
+It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the Moon, dimmed by the
+air, with a noise of 0.3 to 1 px, and 30 spots that are none: the Moon, lamps along the horizon,
+the rest anywhere. The solver is given the star list and the shape of the image, nothing else: it
+searches fields of 1 to 120 deg, then fisheyes. Lists without a sky, and mirrored and shuffled
+nights, must have no answer.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import chain
+import time
+
+import numpy as np
+from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
+from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
+from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
+from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.io.table import Result
+from startracker_ros.tools.figures.machine import machine
+from startracker_ros.tools.figures.rows import Row
+
+EPOCH_YEAR = 2026.5
+SHAPES = (1000, 1000), (960, 1280), (1080, 1920)
+FOV_DEG, RADIUS, CENTRE, TILT_DEG = (100.0, 190.0), (0.85, 1.4), 0.1, 75.0
+MAGNITUDE, NOISE_PX, FALSE, LAMPS = (4.0, 5.0), (0.3, 1.0), 30, 9
+_EXTINCTION, _SCATTER, _MISSING, _GLARE_DEG = 0.2, 0.3, 0.05, 10.0
+_CORRECT_PX = 3.0  # median error of the stars in the fitted lens
+_TIME_S = 5.0
+_PART_TRIALS = 25
+
+
+def _polynomial(rng: np.random.Generator) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a random radial polynomial that grows up to 95 deg."""
+    while True:
+        a, b = rng.uniform(-0.1, 0.06), rng.uniform(-0.015, 0.01)
+        theta = np.radians(95.0) * np.linspace(0, 1, 50)
+        if (1 + 3 * a * theta ** 2 + 5 * b * theta ** 4 > 0.2).all():
+            return lambda angle: angle * (1 + a * angle ** 2 + b * angle ** 4)
+
+
+PROJECTIONS: dict[str, Callable[[np.random.Generator], Callable[[np.ndarray], np.ndarray]]] = {
+    'equidistant': lambda rng: lambda theta: theta,
+    'equisolid': lambda rng: lambda theta: 2 * np.sin(theta / 2),
+    'stereographic': lambda rng: lambda theta: 2 * np.tan(theta / 2),
+    'orthographic': lambda rng: lambda theta: np.sin(np.minimum(theta, np.pi / 2)),
+    'polynomial': _polynomial}
+"""r / f of the angle to the axis, by the name of the projection; drawn where it is random."""
+
+
+@dataclass(frozen=True)
+class FisheyeNight:
+    """
+    The spots in an image of shape (H, W) px, and the stars among them.
+
+    direction (N, 3) are those of the stars in ICRS, uv (N, 2) their pixels without errors.
+    """
+
+    shape: tuple[int, int]
+    centroids: Centroids
+    direction: np.ndarray
+    uv: np.ndarray
+
+    def error_px(self, lens: LearntLens) -> float:
+        """Return the median distance of the stars in a fitted lens from their pixels."""
+        seen = lens.camera.project(self.direction @ matrix_from_quaternion(lens.axis_quaternion))
+        apart = np.linalg.norm(seen - self.uv, axis=1)
+        return float(np.median(np.where(np.isnan(apart), np.inf, apart)))
+
+
+def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
+    """Return what a random fisheye of a projection sees of a random sky."""
+    shape = height, width = SHAPES[rng.integers(len(SHAPES))]
+    radial = PROJECTIONS[projection](rng)
+    half_rad = np.radians(rng.uniform(
+        FOV_DEG[0], 180.0 if projection == 'orthographic' else FOV_DEG[1])) / 2
+    focal_px = min(shape) / 2 * rng.uniform(*RADIUS) / radial(half_rad)
+    centre = (np.array([width - 1, height - 1]) / 2
+              + rng.uniform(-CENTRE, CENTRE, 2) * min(shape))
+
+    def pixels(sensor: np.ndarray) -> np.ndarray:
+        theta = np.arccos(np.clip(sensor[:, 2], -1, 1))
+        across = sensor[:, :2] / np.maximum(np.linalg.norm(sensor[:, :2], axis=1), 1e-12)[:, None]
+        return centre + focal_px * radial(theta)[:, None] * across
+
+    tilt, towards = np.radians(TILT_DEG) * rng.uniform(), rng.uniform(0, 2 * np.pi)
+    zenith = np.array([np.sin(tilt) * np.cos(towards), np.sin(tilt) * np.sin(towards),
+                       np.cos(tilt)])
+    moon = random_directions(rng, 1)[0]
+    catalog = load_catalog().brighter_than(rng.uniform(*MAGNITUDE))
+    icrf = catalog.directions(EPOCH_YEAR)
+    sensor = icrf @ matrix_from_quaternion(random_attitude(rng))
+
+    def in_circle(direction: np.ndarray) -> np.ndarray:
+        uv = pixels(direction)
+        return ((direction[:, 2] > np.cos(half_rad))
+                & (uv > 0).all(1) & (uv < [width - 1, height - 1]).all(1))
+
+    elevation = np.arcsin(np.clip(sensor @ zenith, -1, 1))
+    # Hills and trees hide up to 12 deg above the horizon.
+    hills = np.radians(6 + 6 * np.sin(3 * np.arctan2(sensor[:, 1], sensor[:, 0])
+                                      + rng.uniform(0, 2 * np.pi)))
+    seen = (in_circle(sensor) & (elevation > hills)
+            & (sensor @ moon < np.cos(np.radians(_GLARE_DEG)))
+            & (rng.uniform(size=len(sensor)) > _MISSING))
+    magnitude = (catalog.magnitude[seen] + rng.normal(0, _SCATTER, np.count_nonzero(seen))
+                 + _EXTINCTION / np.sin(np.maximum(elevation[seen], 0.05)))
+    flux = 10 ** (-0.4 * magnitude)
+    bright = flux.max(initial=1.0)
+    lamps = random_directions(rng, 40 * LAMPS)
+    lamps = lamps[np.abs(lamps @ zenith) < np.sin(np.radians(5.0))]
+    lamps = pixels(lamps[in_circle(lamps)])[:LAMPS]
+    lights = np.vstack([pixels(moon[None])[in_circle(moon[None])], lamps])
+    rest = FALSE - len(lights)
+    noise_px = rng.uniform(*NOISE_PX)
+    own = pixels(sensor[seen])
+    uv = np.vstack([own + rng.normal(0, noise_px, own.shape), lights,
+                    rng.uniform(0, [width - 1, height - 1], (rest, 2))])
+    return FisheyeNight(
+        shape, spots(uv, np.concatenate([
+            flux, bright * 10 ** rng.uniform(-0.8, 0.8, len(lights)),
+            rng.choice(flux, rest) if len(flux) else rng.uniform(size=rest)]), noise_px),
+        icrf[seen], own)
+
+
+def random_directions(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return unit vectors (count, 3), uniform on the sphere."""
+    direction = rng.normal(size=(count, 3))
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def spots(uv: np.ndarray, flux: np.ndarray, sigma_px: float) -> Centroids:
+    """Return spots (N, 2) px of fluxes (N,) as centroids, brightest first."""
+    order = np.argsort(-flux)
+    return Centroids(uv[order], flux[order], np.full(len(uv), 50.0), np.full(len(uv), sigma_px))
+
+
+def draw_uniform(rng: np.random.Generator) -> FisheyeNight:
+    """Return spots anywhere in an image."""
+    shape = height, width = SHAPES[rng.integers(len(SHAPES))]
+    return _no_stars(shape, rng.uniform(0, [width - 1, height - 1], (rng.integers(40, 200), 2)),
+                     rng)
+
+
+def draw_horizon(rng: np.random.Generator) -> FisheyeNight:
+    """Return spots of which most are on a circle."""
+    night = draw_uniform(rng)
+    height, width = night.shape
+    angle = rng.uniform(0, 2 * np.pi, 40)
+    ring = ([width / 2, height / 2] + rng.normal(0.45 * min(night.shape), 8, (40, 1))
+            * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return _no_stars(night.shape, np.vstack([ring, night.centroids.uv]), rng)
+
+
+def draw_rows(rng: np.random.Generator) -> FisheyeNight:
+    """Return spots of which many are in straight rows at equal distances, like lamps."""
+    night = draw_uniform(rng)
+    size = np.array(night.shape[::-1]) - 1
+    rows = [rng.uniform(0, size) + np.arange(8)[:, None] * rng.uniform(-0.1, 0.1, 2) * min(size)
+            for _ in range(6)]
+    lamps = np.vstack(rows)
+    return _no_stars(night.shape, np.vstack([lamps, night.centroids.uv]), rng)
+
+
+def draw_mirrored(rng: np.random.Generator) -> FisheyeNight:
+    """Return a night flipped from left to right."""
+    night = draw_night(rng, list(PROJECTIONS)[rng.integers(len(PROJECTIONS))])
+    return _no_stars(night.shape, [night.shape[1] - 1, 0] + night.centroids.uv * [-1, 1], rng,
+                     night.centroids.flux)
+
+
+def draw_shuffled(rng: np.random.Generator) -> FisheyeNight:
+    """Return a night with columns and rows of different spots."""
+    night = draw_night(rng, list(PROJECTIONS)[rng.integers(len(PROJECTIONS))])
+    u, v = night.centroids.uv.T
+    return _no_stars(night.shape, np.column_stack([u, rng.permutation(v)]), rng,
+                     night.centroids.flux)
+
+
+NO_SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
+    'uniform': draw_uniform, 'horizon': draw_horizon, 'rows': draw_rows,
+    'mirrored': draw_mirrored, 'shuffled': draw_shuffled}
+"""What has no answer, by name."""
+
+
+def _no_stars(shape: tuple[int, int], uv: np.ndarray, rng: np.random.Generator,
+              flux: np.ndarray | None = None) -> FisheyeNight:
+    inside = ((uv > 0) & (uv < np.array(shape[::-1]) - 1)).all(1)
+    flux = 10 ** rng.uniform(2, 4, len(uv)) if flux is None else flux
+    return FisheyeNight(shape, spots(uv[inside], flux[inside], rng.uniform(*NOISE_PX)),
+                        np.empty((0, 3)), np.empty((0, 2)))
+
+
+@dataclass(frozen=True)
+class NightOutcome:
+    """Whether each night (N,) is solved correctly or wrongly, and the processor time."""
+
+    correct: np.ndarray
+    wrong: np.ndarray
+    cpu_s: np.ndarray
+
+
+def solve_nights(name: str, trials: int, seed: int) -> NightOutcome:
+    """Search so many nights of a projection, or lists without a sky, by name."""
+    blind = BlindIdentifier(EPOCH_YEAR)
+    fisheye = FisheyeIdentifier(EPOCH_YEAR, blind.wide_quads)
+    rng, rows = np.random.default_rng(seed), []
+    for _ in range(trials):
+        night = NO_SKIES[name](rng) if name in NO_SKIES else draw_night(rng, name)
+        start_s = time.process_time()
+        lens = first_lens(night, blind, fisheye)
+        cpu_s = time.process_time() - start_s
+        correct = (lens is not None and len(night.uv) > 0
+                   and night.error_px(lens) < _CORRECT_PX)
+        rows.append((correct, lens is not None and not correct, cpu_s))
+    return NightOutcome(*(np.array(column) for column in zip(*rows)))
+
+
+def first_lens(night: FisheyeNight, *identifiers: BlindIdentifier | FisheyeIdentifier
+               ) -> LearntLens | None:
+    """Return the first accepted lens of identifiers in turn, None for none."""
+    for attempt in chain.from_iterable(identifier.identify([night.centroids], night.shape)
+                                       for identifier in identifiers):
+        lens = learn_lens(attempt, LENS_ERROR)
+        if not lens.rejected:
+            return lens
+    return None
+
+
+def run_fisheyes_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
+    """Run the draws and count."""
+    names = [*PROJECTIONS, *NO_SKIES]
+    parts = parallel_trials(solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed,
+                            title='fisheyes', scheduler=scheduler)
+    outcomes = dict(zip(names, map(concatenated, parts)))
+    nights = concatenated([outcomes[name] for name in PROJECTIONS])
+    solved = 100 * float(np.mean(nights.correct))
+    rows = [Row('solved', solved, '%', '>= 99', solved >= 99),
+            *(Row(f'solved, {name}', 100 * float(np.mean(outcomes[name].correct)), '%')
+              for name in PROJECTIONS)]
+    wrong = int(np.sum(nights.wrong))
+    rows.append(Row('wrong', wrong, 'nights', '= 0', not wrong))
+    for name in NO_SKIES:
+        accepted = int(np.sum(outcomes[name].wrong))
+        rows.append(Row(f'accepted, {name}', accepted, 'lists', '= 0', not accepted))
+    slowest_s = float(np.max(nights.cpu_s))
+    rows += [Row('time, median', float(np.median(nights.cpu_s)), 's'),
+             Row('time, longest', slowest_s, 's', f'<= {_TIME_S:g}', slowest_s <= _TIME_S)]
+    return Result('campaign fisheyes', rows, {
+        'machine': machine(),
+        'lens': f'{FOV_DEG[0]:g} to {FOV_DEG[1]:g} deg, axis off by up to {CENTRE:.0%} of the '
+                f'short side, up to {TILT_DEG:g} deg from the zenith',
+        'spots': f'stars to V {MAGNITUDE[0]:g} to {MAGNITUDE[1]:g}, noise {NOISE_PX[0]:g} to '
+                 f'{NOISE_PX[1]:g} px, {FALSE} false: the Moon, up to {LAMPS} lamps, the rest '
+                 'anywhere',
+        'given': 'nothing',
+        'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
+        'accepted': 'any answer to spots that are no sky',
+        'times': 'process CPU time of both searches',
+        'trials': trials, 'seed': seed})
