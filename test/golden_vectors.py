@@ -351,7 +351,7 @@ def propagation_outputs(values: Values) -> Values:
         for dt_ns, rate_rad_s in zip(values['gyro_dt_ns'], values['gyro_rate_rad_s']):
             gyro.add(START_NS + dt_ns, np.array(rate_rad_s))
         after = (gyro.propagate(state, to_ns) if values['by'] == 'gyro' else
-                 gyro.filtered(state, to_ns, *arrays(values, 'acceleration_density')))
+                 gyro.filtered(state, to_ns, *arrays(values, 'acceleration_density')).state)
     # A measured attitude 20 arcsec away, whose third axis is not observed.
     information = np.diag([1e10, 2e10, 0.0])
     updated = after.with_attitude(information, information @ (np.array([20.0, -15, 30]) * ARCSEC))

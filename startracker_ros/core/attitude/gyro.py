@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.options import option, Options
 
 _DEG_H = np.radians(1 / 3600)
@@ -153,9 +153,9 @@ class Gyro:
                 else math.inf)
 
     def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
-                 ) -> AttitudeState:
+                 ) -> Prediction:
         """
-        Return the state at a later time, propagated at constant rate and updated by each rate.
+        Predict the state at a later time, propagated at constant rate and updated by each rate.
 
         acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
         """

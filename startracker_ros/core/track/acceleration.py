@@ -17,8 +17,9 @@ before (covariance matching), and what this exceeds the noise of the centroids b
 of the acceleration. The way of the least variance is used. In a steady turn that is next to none.
 
 An oscillation of angular frequency w is seen smaller by sinc(w T / 2) in the light and by
-sinc(w dt / 2)^2 in the differences, which b gives. Fits of streaks see the acceleration along the
-motion by their ends, which are a T^2 / 8 away, the more the longer they are.
+sinc(w dt / 2)^2 in the differences, which b gives. The next attitude and rate of the filter are
+those of the oscillation, not of a constant acceleration. Fits of streaks see the acceleration
+along the motion by their ends, which are a T^2 / 8 away, the more the longer they are.
 
 Where the rate jumps within an exposure the light is up to the whole innovation away from the
 attitude: after the middle of the exposure a jump moves the light alone. The difference to the
@@ -49,6 +50,9 @@ STREAK_PX = 15.0
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
 LEAST_WEIGHT = 5.0  # frames from which on a jump differs from a motion that has started
 JUMP_FRAMES = 5  # after a jump more probable than not, in which there is no other one
+LEAST_B = -1.0  # of an oscillation that is predicted ahead: three frames in a period
+SLOWEST = 1 - 1e-7  # cosine of its angle from frame to frame: a period of 14000
+SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
 ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
 UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
@@ -86,27 +90,34 @@ class Estimate(NamedTuple):
     """
     The acceleration at a frame about sensor axes, each (3,): its value in the way that is used.
 
-    ahead is the mean up to the next frame, half a frame later: a swinging body has another one by
-    then. variance is its own, in rad^2/s^4; process the part of it that is significant, for the
-    process noise of a filter; unsteady what of that no way predicts.
+    Up to the next frame the body turns as under the constant acceleration ahead, and its rate
+    changes as by the constant acceleration mean, both zero where they are not sure: a swinging
+    body has another one by then. variance is that of value, in rad^2/s^4; process the part of it
+    that is significant, for the process noise of a filter; unsteady what of that no way predicts.
     """
 
     way: int
     value: np.ndarray
     ahead: np.ndarray
+    mean: np.ndarray
     variance: np.ndarray
     process: np.ndarray
     unsteady: np.ndarray
 
 
 class Shift(NamedTuple):
-    """The turn (3,) rad of the light from the middle of the exposure, its covariance (3, 3)."""
+    """
+    The turn (3,) rad of the light from the middle of the exposure, its covariance (3, 3).
+
+    share is the part of the error of the last attitude that is in the turn as well.
+    """
 
     turn: np.ndarray
     covariance: np.ndarray
+    share: float
 
 
-_NOTHING = Estimate(STEADY, *[np.zeros(3)] * 5)
+_NOTHING = Estimate(STEADY, *[np.zeros(3)] * 6)
 
 
 class AngularAcceleration:
@@ -129,7 +140,8 @@ class AngularAcceleration:
         if memory.numbers[WEIGHT]:
             variance = memory.square[STEADY] / memory.numbers[WEIGHT]
             self.estimate = Estimate(
-                STEADY, np.zeros(3), np.zeros(3), variance, variance, self.estimate.unsteady)
+                STEADY, np.zeros(3), np.zeros(3), np.zeros(3), variance, variance,
+                self.estimate.unsteady)
 
     def start(self, stamp_ns: int, quaternion: np.ndarray, rate_rad_s: np.ndarray) -> None:
         """Begin by the attitude (4,) of a frame and the mean rate (3,) since the one before."""
@@ -161,6 +173,11 @@ class AngularAcceleration:
             self._memory, (self._rate - before) / middle_s, covariance / dt_s ** 4,
             self._since_jump))
 
+    @property
+    def is_known(self) -> bool:
+        """Whether enough frames have shown how the body accelerates."""
+        return bool(self._memory.numbers[WEIGHT] >= LEAST_WEIGHT)
+
     def jump_within(self, exposure_s: tuple[float, float]) -> float:
         """Return the probability of a jump of the rate within the last exposure."""
         if math.isnan(self._dt_s):
@@ -176,7 +193,7 @@ class AngularAcceleration:
         fits of streaks: those are at the centre of the light.
         """
         if math.isnan(self._dt_s):
-            return Shift(np.zeros(3), np.zeros((3, 3)))
+            return Shift(np.zeros(3), np.zeros((3, 3)), 0.0)
         least, most = (min(limit, self._dt_s) for limit in exposure_s)
         return Shift(*light_shift(self._memory, self.estimate, self._jump, self._dt_s, least, most,
                                   rate, focal_px))
@@ -184,7 +201,8 @@ class AngularAcceleration:
 
 @compiled
 def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, since_jump: int
-                   ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+                   ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+                              np.ndarray]:
     """
     Add a difference (3,) of attitudes of covariance noise (3, 3) over dt^4; return an Estimate.
 
@@ -210,7 +228,9 @@ def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, 
             error = a - (0.0 if way == STEADY else last if way == TORQUE else swung)
             if known:
                 square[way, axis] = MEMORY * square[way, axis] + error * error
-                peak[way, axis] = max(PEAK_MEMORY * peak[way, axis], abs(error))
+                # The first errors are those of a motion that is not known yet.
+                if numbers[WEIGHT] >= LEAST_WEIGHT:
+                    peak[way, axis] = max(PEAK_MEMORY * peak[way, axis], abs(error))
         mean_error += square[OSCILLATION, axis] / noise[axis, axis]
         if frames > 1:
             numbers[PRODUCT] += last * (a + oldest) / noise[axis, axis]
@@ -226,12 +246,13 @@ def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, 
 
 @compiled
 def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
-              ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+              ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+                         np.ndarray]:
     """Return the Estimate in the way of the least variance."""
     recent, square, peak, numbers = memory
     weight, b, two = numbers[WEIGHT], numbers[B], numbers[FRAMES] > 1
     best, least = STEADY, np.inf
-    value, ahead, variance = np.zeros(3), np.zeros(3), np.zeros(3)
+    value, ahead, mean, variance = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     process, unsteady = np.zeros(3), np.zeros(3)
     for way in range(3):
         own2 = chance2 = 0.0
@@ -263,24 +284,45 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             value[axis] = 0.0 if way == STEADY else last
             if way == OSCILLATION and two:
                 value[axis] = b * last - recent[1, axis]
-            ahead[axis] = value[axis]
-            if way == OSCILLATION and two and b > 1:
-                # Of one faster than six frames the differences do not show it.
-                ahead[axis] += b / 4 * (b * value[axis] - last - value[axis])
+            ahead[axis] = mean[axis] = value[axis]
+            size2 = value[axis] ** 2
+            if way == OSCILLATION and two and b > LEAST_B:
+                ahead[axis], mean[axis], size2 = _swing(value[axis], last, b)
             process[axis] = significant
             if way != STEADY:
                 process[axis] = (max(excess, 0.0) + own_variance
                                  + (ENDS * value[axis]) ** 2)
+            if size2 <= SURE_SIGMAS ** 2 * variance[axis]:
+                # A vibration that the frames hardly show would give the rate of its guess.
+                ahead[axis] = mean[axis] = 0.0
+                process[axis] += value[axis] ** 2
             if since_jump == 1:
                 # The rest of a jump, or a torque that has started.
                 variance[axis] += last * last
-    return best, value, ahead, variance, process, unsteady
+    return best, value, ahead, mean, variance, process, unsteady
+
+
+@compiled
+def _swing(value: float, last: float, b: float) -> tuple[float, float, float]:
+    """
+    Return the accelerations ahead of an oscillation, and the square of its amplitude.
+
+    value and last are its second differences about this frame and the one before, -(2 - b) / dt^2
+    times its angle. Its angle and rate in the next frame follow from those in this one.
+    """
+    cosine = min(b / 2, SLOWEST)
+    angle = math.acos(cosine)
+    sine = math.sin(angle)
+    onwards = cosine * value - last
+    return (value + (angle / sine - 1) / (1 - cosine) * onwards,
+            angle / sine * ((1 + cosine) * value + onwards) / 2,
+            value ** 2 + (onwards / sine) ** 2)
 
 
 @compiled
 def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: float, least_s: float,
                 most_s: float, rate: np.ndarray, focal_px: float
-                ) -> tuple[np.ndarray, np.ndarray]:
+                ) -> tuple[np.ndarray, np.ndarray, float]:
     """
     Return the Shift for exposures between least_s and most_s.
 
@@ -304,7 +346,10 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     for axis in range(3):
         covariance[axis, axis] += ((mean ** 2 + doubt ** 2) * estimate.variance[axis]
                                    + UNSTEADY ** 2 * most_s * dt_s ** 3 * estimate.unsteady[axis])
-    return mean * seen, covariance
+    newest = 0.0 if estimate.way == STEADY else 1.0
+    if swings and memory.numbers[FRAMES] > 1:
+        newest = b
+    return mean * seen, covariance, newest * mean / dt_s ** 2
 
 
 @compiled

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro
 from startracker_ros.core.attitude.result import pointing_covariance
@@ -27,6 +27,7 @@ from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.process_noise import ProcessNoise
 from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.core.track.stamp_differences import measured_turn
@@ -41,8 +42,6 @@ covariance is inflated by the same factor, as a manoeuvre is detected frames aft
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
-SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
-
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
@@ -54,11 +53,16 @@ _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.
 
 
 class _Hypothesis(NamedTuple):
-    """A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre."""
+    """
+    A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre.
+
+    prediction is that of the process noise alone, None of a manoeuvre and of a gyro alone.
+    """
 
     uses_gyro: bool
     level: float
     state: AttitudeState
+    prediction: Prediction | None = None
 
 
 class AttitudeModel(StarModel):
@@ -96,6 +100,7 @@ class AttitudeModel(StarModel):
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._measured: AttitudeEstimate | None = None
         self._jumps, self._mixture = RateJumps(), NO_JUMP
+        self._process_noise = ProcessNoise()
         self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
 
@@ -155,6 +160,7 @@ class AttitudeModel(StarModel):
         self._stamp_jitter.interrupt()
         self._acceleration.interrupt()
         self._mixture = self._jumps.interrupt()
+        self._process_noise.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
@@ -190,30 +196,30 @@ class AttitudeModel(StarModel):
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
             sparse or not self._is_saturated(stamp_ns))
-        if with_gyro:
+        if with_gyro and sparse:
             # In a sparse frame no assumption about the acceleration holds.
-            yield _Hypothesis(True, 1.0, gyro.propagate(state, stamp_ns) if sparse
-                              else gyro.filtered(state, stamp_ns, density))
+            yield _Hypothesis(True, 1.0, gyro.propagate(state, stamp_ns))
+        else:
+            nominal = (gyro.filtered(state, stamp_ns, density) if with_gyro
+                       else self._propagated(state, stamp_ns, density))
+            yield _Hypothesis(with_gyro, 1.0, nominal.state, nominal)
+        if with_gyro:
             yield _Hypothesis(True, MANOEUVRES[0],
                               gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
-        else:
-            yield _Hypothesis(False, 1.0, self._propagated(state, stamp_ns, density))
         for factor in MANOEUVRES:
             yield _Hypothesis(False, factor, self._propagated(
-                state.inflated(factor), stamp_ns, factor ** 2 * density))
+                state.inflated(factor), stamp_ns, factor ** 2 * density).state)
 
     def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
-                    ) -> AttitudeState:
-        """Return the state at a time, at the acceleration that the frames before have shown."""
+                    ) -> Prediction:
+        """Predict the state at a time, at the acceleration that the frames before have shown."""
         dt_s = (stamp_ns - state.stamp_ns) * 1e-9
         acceleration = self._acceleration.estimate
-        # A vibration that the frames hardly show would give the rate of its guess.
-        certain = acceleration.value ** 2 > SURE_SIGMAS ** 2 * acceleration.variance
-        change = acceleration.ahead * certain * (dt_s / 2)
-        process = acceleration.process + acceleration.value ** 2 * ~certain
-        after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
-            stamp_ns, density + process * dt_s, self._gyro.drift_density)
-        return after._replace(rate=after.rate + change)
+        turning = state._replace(rate=state.rate + acceleration.ahead * (dt_s / 2))
+        after = turning.predicted_at_constant_rate(
+            stamp_ns, density + acceleration.process * dt_s, self._gyro.drift_density)
+        return after._replace(state=after.state._replace(
+            rate=state.rate + acceleration.mean * dt_s))
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
         """
@@ -240,7 +246,8 @@ class AttitudeModel(StarModel):
         """Return the fit of the inliers, which gave a state."""
         inlier = correction.inlier
         attitude = AttitudeEstimate(
-            state.quaternion, state.covariance[:3, :3], int(np.count_nonzero(inlier)),
+            state.quaternion, state.covariance[:3, :3] + self._process_noise.excess[:3, :3],
+            int(np.count_nonzero(inlier)),
             correction.distance[inlier] * self._camera.pixel_rad, correction.chi2)
         return RotationFit(attitude, correction.normalised, self._scale.value, inlier,
                            correction.residual_px)
@@ -267,6 +274,7 @@ class AttitudeModel(StarModel):
         if self.uses_gyro and not uses_gyro:
             self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
+            self._process_noise.interrupt()
         self._state, self.uses_gyro = state, uses_gyro
 
     @property
@@ -297,12 +305,16 @@ class AttitudeModel(StarModel):
     def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
                                ) -> AttitudeEstimate:
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
-        estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
-        turn, covariance = self._acceleration.shift(
+        turn, covariance, share = self._acceleration.shift(
             self._exposure_s, self._state.rate, self._camera.fx if self._streaked else 0.0)
-        covariance = estimate.covariance_sensor + covariance
-        covariance += lacking(covariance, self._moved,
-                              self._acceleration.jump_within(self._exposure_s))
+        # The acceleration is a measurement by the same stars.
+        covariance -= 2 * share * estimate.covariance_sensor
+        estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
+        covariance += estimate.covariance_sensor
+        # A jump moves the light, or ends the acceleration that is taken out.
+        for error in self._moved, turn:
+            covariance += lacking(covariance, error,
+                                  self._acceleration.jump_within(self._exposure_s))
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=covariance)
 
@@ -318,6 +330,7 @@ class AttitudeModel(StarModel):
         if not adds:
             self._measured = None
             self._acceleration.interrupt()
+            self._process_noise.interrupt()
             return self._jumps.interrupt()
         self._measured = AttitudeEstimate(
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
@@ -328,10 +341,14 @@ class AttitudeModel(StarModel):
             mixture = self._jumps.add(self._state.stamp_ns, predicted, turn, covariance)
         else:
             turn = rotation_between(contradicted.quaternion, self._measured.quaternion)
-            mixture = self._jumps.found()
+            mixture = self._jumps.found(counts=self._acceleration.is_known)
         self._acceleration.add(
             corrected.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
             turn, mixture.newest)
+        if hypothesis.prediction is None or mixture.is_certain:
+            self._process_noise.interrupt()
+        else:
+            self._process_noise.add(hypothesis.prediction, predicted.covariance, turn, covariance)
         return mixture
 
     @property
@@ -340,11 +357,13 @@ class AttitudeModel(StarModel):
 
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
-        return self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
+        return (self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
+                + self._process_noise.excess[3:, 3:])
 
     @property
     def cross_covariance(self) -> np.ndarray:
-        return self._state.covariance[:3, 3:6] + self._mixture.covariance[:3, 3:]
+        return (self._state.covariance[:3, 3:6] + self._mixture.covariance[:3, 3:]
+                + self._process_noise.excess[:3, 3:])
 
     def _compare_gyro(self, before_ns: int, level: float) -> None:
         """

@@ -99,9 +99,14 @@ class RateJumps:
         self._length = 0
         return NO_JUMP
 
-    def found(self) -> Mixture:
-        """Count a frame that contradicts its prediction; return that of a jump now known."""
-        self._count(1.0)
+    def found(self, *, counts: bool = True) -> Mixture:
+        """
+        Return that of a jump now known, by a frame that contradicts its prediction.
+
+        It counts where the prediction knew how the body accelerates.
+        """
+        if counts:
+            self._count(1.0)
         return self.interrupt()._replace(newest=1.0)
 
     def add(self, before_ns: int, predicted: AttitudeState, turn: np.ndarray,

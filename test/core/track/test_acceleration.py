@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import norm
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.maths.rotation import ARCSEC, multiply, quaternion_from_rotation_vector
-from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, MISSED
+from startracker_ros.core.track.acceleration import (
+    AngularAcceleration, lacking, MISSED, STEADY)
 from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
@@ -39,7 +40,7 @@ def sway(amplitude_deg, period_s):
 def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, period_s):
     left, seen, normalised = [], [], []
     for found, shift in frames(sway(amplitude_deg, period_s)):
-        turn, covariance = found.shift(EXPOSED, np.zeros(3), 4900.0)
+        turn, covariance, _ = found.shift(EXPOSED, np.zeros(3), 4900.0)
         left.append(shift - turn @ AXIS)
         seen.append(shift)
         normalised.append(left[-1] ** 2 / (AXIS @ covariance @ AXIS + SIGMA ** 2))
@@ -49,34 +50,60 @@ def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, p
     assert np.max(normalised[2:]) < 25 and np.mean(normalised[settled]) < 1.3
 
 
-@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [(0.2, 2.0), (0.05, 1.0)])
-def test_the_next_rate_of_a_sway_is_that_half_a_frame_ahead(amplitude_deg, period_s):
+@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [
+    (0.2, 2.0), (0.05, 1.0), (0.03, 0.5), (0.01, 0.35)])
+def test_the_next_angle_and_rate_of_a_sway_are_predicted(amplitude_deg, period_s):
     angle, errors = sway(amplitude_deg, period_s), []
+
+    def rate_at(time_s):
+        return (angle(time_s + 1e-4) - angle(time_s - 1e-4)) / 2e-4
     for frame, (found, _) in enumerate(frames(angle, exposure_s=0.0)):
         # The constant acceleration that leads from this angle and rate to the next angle.
         now_s, next_s = frame * DT_S, (frame + 1) * DT_S
-        rate = (angle(now_s + 1e-4) - angle(now_s - 1e-4)) / 2e-4
-        needed = 2 * (angle(next_s) - angle(now_s) - rate * DT_S) / DT_S ** 2
+        needed = 2 * (angle(next_s) - angle(now_s) - rate_at(now_s) * DT_S) / DT_S ** 2
+        change = (rate_at(next_s) - rate_at(now_s)) / DT_S
         found = found.estimate
-        errors.append((needed - found.value @ AXIS, needed - found.ahead @ AXIS))
-    held, ahead = np.std(errors[40:], axis=0)
-    assert ahead < 0.7 * held
+        errors.append((needed - found.value @ AXIS, change - found.value @ AXIS,
+                       needed - found.ahead @ AXIS, change - found.mean @ AXIS))
+    held, held_change, ahead, mean = np.std(errors[40:], axis=0)
+    # Of a slow sway ahead = 4 / 3 (2 a - a') - a / 3 of the last differences a and a' before, and
+    # mean likewise: at most 9 times the noise of an attitude.
+    noise = 9 * SIGMA / DT_S ** 2
+    assert ahead < 0.1 * held + noise
+    assert mean < 0.1 * held_change + noise
+
+
+@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [(0.2, 2.0), (0.05, 1.0), (0.01, 0.35)])
+def test_the_error_of_the_newest_attitude_is_in_the_shift_by_its_share(amplitude_deg, period_s):
+    angle, turns = sway(amplitude_deg, period_s), []
+    for error in (0.0, 1e-3 * SIGMA):
+        found = list(frames(angle, count=80))[-1][0]
+        before = found.estimate
+        found.add(80 * 10 ** 8, multiply(quaternion_from_rotation_vector(angle(8.0) * AXIS),
+                                         quaternion_from_rotation_vector(error * AXIS)),
+                  np.eye(3) * SIGMA ** 2)
+        shift = found.shift(EXPOSED, np.zeros(3), 4900.0)
+        turns.append(shift.turn @ AXIS)
+    assert before.way == found.estimate.way != STEADY
+    # What the error changes of the fitted frequency is small.
+    assert (turns[1] - turns[0]) / (1e-3 * SIGMA) == pytest.approx(shift.share, abs=0.02)
+    assert abs(shift.share) > 0.02
 
 
 def test_a_steady_turn_costs_next_to_nothing():
     for found, _ in frames(lambda time_s: np.radians(0.3) * time_s, exposure_s=0.0):
-        turn, covariance = found.shift(EXPOSED, np.radians(0.3) * AXIS, 4900.0)
+        turn, covariance, _ = found.shift(EXPOSED, np.radians(0.3) * AXIS, 4900.0)
     assert not turn.any() and not found.estimate.process.any()
     assert (np.sqrt(np.diag(covariance)) < 0.1 * SIGMA).all()
 
 
 def test_an_unknown_exposure_is_between_none_and_the_interval():
     found, shift = list(frames(sway(0.2, 2.0), count=60))[-1]
-    turn, covariance = found.shift((0.0, np.inf), np.zeros(3), 4900.0)
-    known, _ = found.shift(EXPOSED, np.zeros(3), 4900.0)
+    turn, covariance, _ = found.shift((0.0, np.inf), np.zeros(3), 4900.0)
+    known, *_ = found.shift(EXPOSED, np.zeros(3), 4900.0)
     assert turn @ AXIS == pytest.approx(known @ AXIS / 2, rel=0.1)
     assert np.sqrt(AXIS @ covariance @ AXIS) >= 0.9 * abs(turn @ AXIS)
-    none, _ = found.shift((0.0, 0.0), np.zeros(3), 4900.0)
+    none, *_ = found.shift((0.0, 0.0), np.zeros(3), 4900.0)
     assert not none.any()
     assert abs(known @ AXIS - shift) < 0.2 * abs(shift) + 0.5 * SIGMA
 
