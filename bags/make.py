@@ -15,7 +15,8 @@ import shutil
 import sys
 
 import numpy as np
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.camera.model import Camera
@@ -149,8 +150,9 @@ class Recorder:
 
     def write(self, topic: str, message: object) -> None:
         """Write a message, a tenth of a millisecond after the one before."""
-        self.writer.write(topic, serialize_message(message), self._time_ns + 50_000,
-                          self._time_ns)
+        # Some messages are serialized as they are built.
+        data = message if isinstance(message, bytes) else serialize_message(message)
+        self.writer.write(topic, data, self._time_ns + 50_000, self._time_ns)
         self._time_ns += 100_000
 
 
@@ -193,7 +195,7 @@ def make(name: str, folder: Path) -> None:
                 header(stamp_ns))
             recorder.write('/centroids', cloud)
             # Through the message, which has floats of four bytes.
-            centroids = centroids_from_message(cloud)
+            centroids = centroids_from_message(deserialize_message(cloud, PointCloud2))
             write_results(recorder, stamp_ns, centroids,
                           pipeline.process_centroids(stamp_ns, centroids))
 
