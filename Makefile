@@ -73,7 +73,7 @@ docs: $(VENV)/package $(VENV)/docs
 	$(RUN) -m sphinx -q -W --keep-going -E -b html docs build/site
 
 # More cases and larger sizes of what `make test` covers, and installs: before a release.
-test-long: $(VENV)/package $(VENV)/tests $(VENV)/gnc
+test-long: $(VENV)/package $(VENV)/tests $(VENV)/gnc $(VENV)/s3
 	@$(PYTEST) $(ON_BOTH_CORES) -m long test
 
 $(VENV)/requirements: requirements.txt requirements-$(ROS).txt
@@ -100,6 +100,11 @@ $(VENV)/docs: requirements-docs.txt $(VENV)/requirements
 # and the loop imports none of the others.
 $(VENV)/gnc: $(VENV)/requirements requirements-gnc.txt
 	$(PIP_INSTALL) --no-deps -r requirements-gnc.txt
+	touch $@
+
+# As well: python-dateutil of botocore would be an older one.
+$(VENV)/s3: $(VENV)/requirements requirements-s3.txt
+	$(PIP_INSTALL) --no-deps -r requirements-s3.txt
 	touch $@
 
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.

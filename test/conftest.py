@@ -101,6 +101,9 @@ NEEDS = {
     'basilisk': (lambda: find_spec('Basilisk') is not None,
                  'of the closed loop, which need Basilisk: '
                  'pip install --no-deps -r requirements-gnc.txt'),
+    'object_store': (lambda: None not in map(find_spec, ('moto', 's3fs')),
+                     'of an object store, which need moto and s3fs: '
+                     'pip install --no-deps -r requirements-s3.txt'),
 }
 
 # The machine that runs the tests is shared: no example fails for being slow, all are repeatable.

@@ -3,9 +3,10 @@
 
 """Tasks on processes of this machine or on a dask cluster, which replaces lost workers."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from itertools import islice
 import logging
 from multiprocessing import active_children, get_context, resource_tracker
 import os
@@ -16,6 +17,13 @@ from startracker_ros.core.extras import extra
 
 MEMORY_LIMIT = '2GiB'
 """Of a local worker: one that needs more is ended, and its task fails."""
+
+MOST_TASKS = 10_000
+"""That a scheduler has at a time: its memory does not grow with those that are to come."""
+
+
+class SchedulerLostError(OSError):
+    """The scheduler of a dask cluster ended, and no other took its address in time."""
 
 
 def default_workers() -> int:
@@ -57,6 +65,9 @@ def cluster(workers: int, scheduler: str = '') -> Iterator[Any]:
         import dask
         from dask.distributed import Client, LocalCluster
     if scheduler:
+        # Of a lost connection it prints tracebacks; SchedulerLostError says it in a line.
+        for name in 'distributed', 'distributed.client':
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         with Client(scheduler) as client:
             yield client
         return
@@ -92,11 +103,46 @@ def completed(client: Any, function: Callable[..., Any], tasks: Sequence[tuple]
     Yield the index and the result of function(*task) of each task, as they end.
 
     The result of a task that failed is its exception. dask repeats the task of a lost worker on
-    another one, up to three times.
+    another one, up to three times; those of a lost scheduler go to the one that takes its place,
+    and SchedulerLostError is raised where none does.
     """
     from dask.distributed import as_completed
-    index = {client.submit(function, *task, pure=False): number
-             for number, task in enumerate(tasks)}
-    for future, result in as_completed(list(index), with_results=True, raise_errors=False):
-        failed = future.status == 'error'
-        yield index.pop(future), result[1] if failed else result
+    index: dict[Any, int] = {}
+    running = as_completed()
+
+    def submit(numbers: Iterable[int]) -> None:
+        for number in numbers:
+            future = client.submit(function, *tasks[number], pure=False)
+            index[future] = number
+            running.add(future)
+    address, waiting = client.scheduler.address, iter(range(len(tasks)))
+    submit(islice(waiting, MOST_TASKS))
+    for batch in running.batches():
+        results = _results(client, batch)
+        for future in batch:
+            number = index.pop(future)
+            if future in results:
+                yield number, results[future]
+                submit(islice(waiting, 1))
+            elif client.status in ('running', 'connecting'):
+                submit([number])
+            else:
+                raise SchedulerLostError(f'the scheduler {address} was lost and did not come back')
+
+
+def _results(client: Any, ended: Sequence[Any]) -> dict[Any, Any]:
+    """Return results or exceptions of tasks, without those that were lost with the scheduler."""
+    results: dict[Any, Any] = {}
+    finished = [future for future in ended if future.status == 'finished']
+    # as_completed(with_results=True) would never yield one that is lost while it is fetched.
+    try:
+        results.update((future, future.exception()) for future in ended
+                       if future.status == 'error')
+        results.update(zip(finished, client.gather(finished)))
+    except (OSError, CancelledError):
+        pass
+    except Exception:
+        # A client that has closed raises anything.
+        if client.status == 'running':
+            raise
+    return results

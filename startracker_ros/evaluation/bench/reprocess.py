@@ -40,7 +40,7 @@ def run_reprocess_bench(*, trials: int, seed: int, only: Sequence[str] = CASES) 
         options = FlightOptions(days=hours / 24, bag_hours=hours, rate_hz=10.0, heads=1)
         (folder / 'flight').mkdir()
         write_s, _ = cpu_timed(write_bag, folder / 'flight', options, seed, 0)
-        bag, = find_bags([str(folder / 'flight')])
+        bag, = (folder / 'flight').iterdir()
         if 'simulate' in only:
             rows.append(Row('simulated frames', trials / write_s, 'frames/s of CPU'))
         if 'read' in only or 'frames' in only:

@@ -113,6 +113,10 @@ _bench('reprocess', 'bench.reprocess:run_reprocess_bench',
        'Frames a second of reprocessing, reading beside a plain read, one and two workers.',
        trials_option(6000, 'Frames of the recording.', least=1200), only_option('Cases'),
        known='CASES')
+_bench('constellation', 'bench.constellation:run_constellation_bench',
+       'A year of 1000 heads: load of a dask scheduler, of an object store and of processors.',
+       trials_option(1_000_000, 'Empty tasks that the scheduler gets.'), only_option('Cases'),
+       known='CASES')
 _bench('tracklets', 'bench.tracklets:run_tracklet_bench',
        'Find moving objects in simulated flights, among false centroids and hot pixels.',
        trials_option(7200, 'Frames of the recording.', least=600))

@@ -5,11 +5,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from startracker_ros.core.yaml_text import load_yaml
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.remote import BagPath
 
 _MAX_METADATA_BYTES = 2 ** 24
 _PACKED = '.zstd'
@@ -20,7 +21,7 @@ _SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 class BagFiles:
     """The files in the order of recording, and what each message is compressed with, if any."""
 
-    paths: tuple[Path, ...]
+    paths: tuple[BagPath, ...]
     message_compression: str = ''
 
 
@@ -29,7 +30,7 @@ def is_bag_folder(folder: Path) -> bool:
     return (folder / 'metadata.yaml').is_file() or any(folder.glob('*.mcap*'))
 
 
-def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
+def find_files(bag: BagPath | str, report: Callable[[str], None] | None) -> BagFiles:
     """
     Return the files of a bag folder, or the file itself; BagError if they cannot be read.
 
@@ -37,11 +38,12 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     .db3 files where there are none.
     With report, a damaged metadata.yaml is reported and ignored.
     """
+    bag = Path(bag) if isinstance(bag, str) else bag
     if not bag.is_dir():
         return BagFiles((bag,))
-    found = next((tuple(sorted(paths, key=_order)) for suffix in _SUFFIXES.values()
-                  for packed in ('', _PACKED) if (paths := list(bag.glob(f'*{suffix}{packed}')))),
-                 ())
+    found: tuple[BagPath, ...] = next((
+        tuple(sorted(paths, key=_order)) for suffix in _SUFFIXES.values()
+        for packed in ('', _PACKED) if (paths := [*bag.glob(f'*{suffix}{packed}')])), ())
     metadata = bag / 'metadata.yaml'
     if metadata.is_file():
         try:
@@ -55,7 +57,7 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     return BagFiles(found)
 
 
-def _order(path: Path) -> tuple[int, str]:
+def _order(path: BagPath) -> tuple[int, str]:
     """Return the key of the order of recording: run_2 before run_10."""
     return len(path.name), path.name
 
@@ -64,11 +66,13 @@ class _MetadataError(ValueError):
     """A metadata.yaml without usable content."""
 
 
-def _information(path: Path) -> dict[str, Any]:
+def _information(path: BagPath) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _MAX_METADATA_BYTES:
-            raise _MetadataError(f'{path.stat().st_size} bytes are no metadata')
-        document = load_yaml(path.read_bytes())
+        with path.open('rb') as file:
+            text = file.read(_MAX_METADATA_BYTES + 1)
+        if len(text) > _MAX_METADATA_BYTES:
+            raise _MetadataError(f'more than {_MAX_METADATA_BYTES} bytes are no metadata')
+        document = load_yaml(text)
     except OSError as error:
         raise _MetadataError(str(error.strerror)) from error
     except ValueError as error:
@@ -80,7 +84,7 @@ def _information(path: Path) -> dict[str, Any]:
     return information
 
 
-def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
+def _named_files(bag: BagPath, information: dict[str, Any]) -> BagFiles:
     storage = information.get('storage_identifier')
     if storage not in _SUFFIXES:
         raise BagError(f'{bag} is stored as {storage}, only {" and ".join(_SUFFIXES)} can be '
@@ -95,13 +99,12 @@ def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
     paths = []
     for name in names:
         # Before version 4 the name of the folder stood before that of the file.
-        path = bag / name if (bag / name).exists() else bag / Path(name).name
-        if not path.exists():
-            # Unpacked by hand, or compressed by hand.
-            path = next((other for other in (
-                path.with_name(path.name.removesuffix(_PACKED)),
-                path.with_name(path.name + _PACKED)) if other.exists()), path)
-        if not path.resolve().is_relative_to(bag.resolve()):
+        own = PurePosixPath(name).name
+        # The last two were unpacked by hand, or compressed by hand.
+        path = next((path for path in (
+            bag / name, bag / own, bag / own.removesuffix(_PACKED), bag / (own + _PACKED))
+            if path.exists()), bag / own)
+        if isinstance(path, Path) and not path.resolve().is_relative_to(str(bag.resolve())):
             raise BagError(f'{bag}: metadata.yaml names {name!r}, outside of the folder')
         if not path.is_file():
             raise _MetadataError(f'{name!r} is not there')

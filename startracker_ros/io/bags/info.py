@@ -9,6 +9,7 @@ from pathlib import Path
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import BagFiles, find_files
 from startracker_ros.io.bags.reader import BagTopic, read_span_ns, read_topics
+from startracker_ros.io.bags.remote import version
 from startracker_ros.io.bags.storage import open_file
 from startracker_ros.io.table import Result
 
@@ -35,7 +36,7 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
         topics.values(), key=lambda topic: topic.name)]
     return Result('info', rows, {
         'files': ', '.join(file.name for file in files),
-        'size_mb': sum(file.stat().st_size for file in files) / 1e6,
+        'size_mb': sum(version(file)[0] for file in files) / 1e6,
         'compression': _compression(bag_files),
         'messages': sum(topic.message_count for topic in topics.values()),
         'start': _utc(span_ns[0]) if span_ns else '-',

@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import heapq
 from io import BytesIO
-from pathlib import Path
 import struct
 from types import TracebackType
-from typing import BinaryIO
+from typing import Any
 import zlib
 
 from mcap.data_stream import ReadDataStream
@@ -24,13 +23,12 @@ from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from startracker_ros.io.bags.compression import (
     DECODING_ERRORS, MAX_RECORD_BYTES, unpack, unpack_file, ZSTD_MAGIC)
 from startracker_ros.io.bags.errors import BagError, UnfinishedBagError
+from startracker_ros.io.bags.mcap_index import FRAME, MAGIC, read_summary, Summary
 from startracker_ros.io.bags.raw_message import RawMessage
+from startracker_ros.io.bags.remote import BagPath, RemotePath
 import zstandard
 
 _MAX_PENDING_BYTES = 2 ** 30
-_MAGIC = b'\x89MCAP0\r\n'
-# Before each record: opcode and length of the content.
-_FRAME = struct.Struct('<BQ')
 # Times of the first and last message, size and CRC unpacked, length of the compression's name.
 _CHUNK = struct.Struct('<QQQLL')
 # Channel, sequence number, log time, publish time.
@@ -69,12 +67,12 @@ class McapFile:
     unpacked into a temporary one; compressed_file says so.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: BagPath) -> None:
         """Open the file; BagError if it cannot be read or is no MCAP file."""
-        self.path = Path(path)
+        self.path = path
         try:
-            self._file: BinaryIO = open(self.path, 'rb')
-            magic = self._file.read(len(_MAGIC))
+            self._file: Any = path.open('rb')
+            magic = self._file.read(len(MAGIC))
             self.compressed_file = magic.startswith(ZSTD_MAGIC)
             if self.compressed_file:
                 magic = self._unpack()
@@ -83,7 +81,7 @@ class McapFile:
             raise
         except OSError as error:
             raise BagError(f'cannot read {path}: {error.strerror}') from error
-        if magic != _MAGIC:
+        if magic != MAGIC:
             self._file.close()
             raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
         self.schemas: dict[int, Schema] = {}
@@ -94,6 +92,7 @@ class McapFile:
         self._channels_of_chunk: dict[int, frozenset[int]] = {}
         self._problems: list[_Damage] = []
         self._has_summary = False
+        self._summary = Summary(self.size)
         self._unfinished: UnfinishedBagError | None = None
         try:
             self._scan()
@@ -109,7 +108,7 @@ class McapFile:
                 self._file = unpack_file(packed)
             except (zstandard.ZstdError, ValueError) as error:
                 raise BagError(f'cannot unpack {self.path}: {error}') from error
-        return self._file.read(len(_MAGIC))
+        return self._file.read(len(MAGIC))
 
     def __enter__(self) -> 'McapFile':
         return self
@@ -184,12 +183,17 @@ class McapFile:
 
     def _scan(self) -> None:
         """Index chunks, messages, schemas and channels; check the end of the file."""
-        at = len(_MAGIC)
+        if isinstance(self.path, RemotePath) and not self.compressed_file:
+            self._summary = read_summary(self._file, self.size)
+        at = len(MAGIC)
         in_summary = False
         while True:
-            frame = self._bytes(at, _FRAME.size)
-            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, 0)
-            end = at + _FRAME.size + length
+            while index := self._summary.chunks.get(at):
+                self._add_indexed(index)
+                at += index.chunk_length + index.message_index_length
+            frame = self._bytes(at, FRAME.size)
+            opcode, length = FRAME.unpack(frame) if len(frame) == FRAME.size else (0, 0)
+            end = at + FRAME.size + length
             if end > self.size or not opcode:
                 self._add_end_problem(at, length)
                 return
@@ -200,17 +204,24 @@ class McapFile:
                     self._check_footer(at, length)
                     return
                 else:
-                    self._scan_record(opcode, at + _FRAME.size, length, in_summary)
+                    self._scan_record(opcode, at + FRAME.size, length, in_summary)
             except _ERRORS as error:
                 self._problems.append(_Damage(at, _text(error)))
             except _Damage as damage:
                 self._problems.append(damage)
             at = end
 
+    def _add_indexed(self, index: ChunkIndex) -> None:
+        """Add a chunk by what the summary says of it, without a look at its head."""
+        self._blocks.append(_Block(
+            index.chunk_start_offset + FRAME.size, index.chunk_length - FRAME.size,
+            index.message_start_time, index.message_end_time, True))
+        self.compressions.add(index.compression)
+
     def _add_end_problem(self, at: int, length: int) -> None:
         """Distinguish a file that was cut from one whose records are wrong."""
-        if self._bytes(self.size - len(_MAGIC), len(_MAGIC)) == _MAGIC and self.size > at + len(
-                _MAGIC):
+        if self._bytes(self.size - len(MAGIC), len(MAGIC)) == MAGIC and self.size > at + len(
+                MAGIC):
             self._problems.append(_Damage(at, f'no record is {length} bytes long there'))
         else:
             self._unfinished = UnfinishedBagError(
@@ -233,20 +244,20 @@ class McapFile:
             self.statistics = Statistics.read(self._stream(offset, length))
         elif opcode == Opcode.CHUNK_INDEX:
             index = ChunkIndex.read(self._stream(offset, length))
-            self._channels_of_chunk[index.chunk_start_offset + _FRAME.size] = frozenset(
+            self._channels_of_chunk[index.chunk_start_offset + FRAME.size] = frozenset(
                 index.message_index_offsets)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self._has_summary |= in_summary and opcode == Opcode.CHANNEL
             self._define(opcode, self._read(offset, length))
 
     def _check_footer(self, at: int, length: int) -> None:
-        footer = Footer.read(self._stream(at + _FRAME.size, length))
-        end = at + _FRAME.size + length
+        footer = Footer.read(self._stream(at + FRAME.size, length))
+        end = at + FRAME.size + length
         chunks = sum(block.is_chunk for block in self._blocks)
         if self.statistics is not None and self.statistics.chunk_count != chunks:
             self._problems.append(_Damage(
                 at, f'the index counts {self.statistics.chunk_count} chunks, {chunks} are there'))
-        if self._bytes(end, len(_MAGIC) + 1) != _MAGIC:
+        if self._bytes(end, len(MAGIC) + 1) != MAGIC:
             self._add_end_problem(at, length)
         elif footer.summary_crc and footer.summary_start:
             # Of everything from the summary's start to the CRC itself.
@@ -265,6 +276,8 @@ class McapFile:
             self.channels[channel.id] = channel
 
     def _bytes(self, offset: int, length: int) -> bytes:
+        if offset >= self._summary.start:
+            return self._summary.data[offset - self._summary.start:][:length]
         self._file.seek(max(offset, 0))
         return self._file.read(length)
 
@@ -353,8 +366,8 @@ class McapFile:
         at = 0
         while at < len(data):
             try:
-                opcode, length = _FRAME.unpack_from(data, at)
-                start, end = at + _FRAME.size, at + _FRAME.size + length
+                opcode, length = FRAME.unpack_from(data, at)
+                start, end = at + FRAME.size, at + FRAME.size + length
                 if end > len(data):
                     raise ValueError(f'a record of {length} bytes')
                 if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):

@@ -6,7 +6,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
@@ -16,6 +15,7 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files
 from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile
 from startracker_ros.io.bags.raw_message import RawMessage
+from startracker_ros.io.bags.remote import BagPath
 from startracker_ros.io.bags.schemas import message_schema, MessageSchema
 from startracker_ros.io.bags.storage import BagFile, open_file
 
@@ -60,7 +60,7 @@ def _ignore(problem: str) -> None:
     pass
 
 
-def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
+def read_messages(bag: BagPath | str, *, topics: Sequence[str] = (), start_ns: int = 0,
                   end_ns: int = 2 ** 64, tolerant: bool = False,
                   report: Callable[[str], None] = _ignore) -> Iterator[BagMessage]:
     """
@@ -72,7 +72,7 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
     if the index is lost, and report() each damage with its byte; otherwise UnfinishedBagError
     before the first message, or BagError at the damage.
     """
-    files = find_files(Path(bag), report if tolerant else None)
+    files = find_files(bag, report if tolerant else None)
     for path in files.paths:
         with open_file(path) as file:
             in_order = file.is_sound
@@ -96,11 +96,11 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
                                  record.log_time_ns, record.publish_time_ns, record.schema)
 
 
-def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], None] = _ignore
-                ) -> dict[str, BagTopic]:
+def read_topics(bag: BagPath | str, *, tolerant: bool = False,
+                report: Callable[[str], None] = _ignore) -> dict[str, BagTopic]:
     """Return the topics of a bag by name; tolerant, report and errors as in read_messages()."""
     topics: dict[str, BagTopic] = {}
-    for path in find_files(Path(bag), report if tolerant else None).paths:
+    for path in find_files(bag, report if tolerant else None).paths:
         with open_file(path) as file:
             for topic in _topics_of(file, tolerant, report):
                 before = topics.get(topic.name)
@@ -151,20 +151,20 @@ def _decoder(type_name: str, encoding: str, text: bytes) -> Callable[[bytes], An
         'cdr', Schema(id=1, name=type_name, encoding=encoding, data=text))
 
 
-def read_span_ns(bag: Path) -> tuple[int, int] | None:
+def read_span_ns(bag: BagPath | str) -> tuple[int, int] | None:
     """Return the first and last log time of a bag, as far as it goes; None without messages."""
     spans = []
-    for path in find_files(Path(bag), _ignore).paths:
+    for path in find_files(bag, _ignore).paths:
         with open_file(path) as file:
             if file.span_ns is not None:
                 spans.append(file.span_ns)
     return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
 
 
-def read_blocks_ns(bag: Path) -> list[tuple[int, int]]:
+def read_blocks_ns(bag: BagPath | str) -> list[tuple[int, int]]:
     """Return the first and last log time of each chunk of a bag, as far as it goes."""
     spans: list[tuple[int, int]] = []
-    for path in find_files(Path(bag), _ignore).paths:
+    for path in find_files(bag, _ignore).paths:
         with open_file(path) as file:
             spans += file.blocks_ns
     return spans

@@ -3,11 +3,10 @@
 
 """The file of a bag by its first bytes: MCAP or SQLite."""
 
-from pathlib import Path
-
 from startracker_ros.io.bags.compression import first_unpacked_bytes, ZSTD_MAGIC
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.mcap_file import McapFile
+from startracker_ros.io.bags.remote import BagPath, RemotePath
 from startracker_ros.io.bags.sqlite_file import SQLITE_MAGIC, SqliteFile
 
 _HEAD_BYTES = 2 ** 18
@@ -15,10 +14,13 @@ _HEAD_BYTES = 2 ** 18
 BagFile = McapFile | SqliteFile
 
 
-def open_file(path: Path) -> BagFile:
+def open_file(path: BagPath) -> BagFile:
     """Open a file of a bag; BagError if it cannot be read or is of no storage of rosbag2."""
+    if isinstance(path, RemotePath):
+        # SQLite reads files of this machine only.
+        return McapFile(path)
     try:
-        with open(path, 'rb') as file:
+        with path.open('rb') as file:
             head = file.read(_HEAD_BYTES)
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from error

@@ -4,31 +4,30 @@
 """Which bags there are, which star trackers are in them, and the segments of each."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import hashlib
 import json
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.extras import extra
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files, is_bag_folder
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
 from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messages, read_topics
+from startracker_ros.io.bags.remote import (
+    BagPath, counted, is_url, remote_bags, Traffic, version)
 from startracker_ros.io.recordings.recording import full_name
 
 IMAGE = 'sensor_msgs/msg/Image'
 SOURCES = {'centroids': cdr.POINT_CLOUD, 'image_raw': IMAGE}
-COPIES = '.copies'
-"""Folder of the copies of bags at URLs, in that of the run."""
-
 _SPARSE = 20_000
-"""Most camera_info of a bag that are read to find the one before each segment."""
-
-_BAG_FILES = ('*.mcap', '*.mcap.zstd', 'metadata.yaml')
+"""
+Most camera_info of a bag that are read to find the one before each segment; none but the first
+where every other frame has one, as then the segments hold their own.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Segment:
     camera is that of the last camera_info before start_ns, or else of the first one.
     """
 
-    bag: Path
+    bag: BagPath
     name: str
     namespace: str
     source: str
@@ -98,29 +97,31 @@ class Problem:
 
 @dataclass(frozen=True)
 class BagPlan:
-    """The segments of one bag, and what is wrong with it."""
+    """The segments of one bag, and what is wrong with it; what was read of an object store."""
 
     segments: list[Segment] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
+    traffic: Traffic = field(default_factory=Traffic)
 
 
-def find_bags(named: Iterable[str], copies: Path = Path(COPIES)) -> list[Path]:
+def find_bags(named: Iterable[str]) -> list[BagPath]:
     """
-    Return the bags under folders, of patterns, or listed in text files, one a line; sorted.
+    Return the bags under folders, of patterns, URLs, or listed in text files; sorted.
 
-    Those at URLs are copied below copies. BagError for a name that leads to none.
+    BagError for a name that leads to none.
     """
-    found: list[Path] = []
+    found: list[BagPath] = []
     for name in named:
         path = Path(name)
+        bags: list[BagPath]
         if is_url(name):
-            bags = find_bags(map(str, fetch(name, copies)))
+            bags = [*remote_bags(name)]
         elif path.suffix in ('.txt', '.list') and path.is_file():
             lines = [line.strip() for line in path.read_text().split('\n')]
-            bags = find_bags((line if is_url(line) else str(path.parent / line)
-                              for line in lines if line), copies)
+            bags = find_bags(line if is_url(line) else str(path.parent / line)
+                             for line in lines if line)
         elif path.is_dir():
-            bags = _bags_under(path)
+            bags = [*_bags_under(path)]
         elif path.exists():
             bags = [path]
         else:
@@ -130,7 +131,7 @@ def find_bags(named: Iterable[str], copies: Path = Path(COPIES)) -> list[Path]:
         if not bags:
             raise BagError(f'{name}: no bag there')
         found += bags
-    return sorted(set(found))
+    return sorted(set(found), key=str)
 
 
 def _bags_under(folder: Path) -> list[Path]:
@@ -142,7 +143,7 @@ def _bags_under(folder: Path) -> list[Path]:
     return [bag for child in below for bag in _bags_under(child)]
 
 
-def bag_names(bags: list[Path]) -> list[str]:
+def bag_names(bags: list[BagPath]) -> list[str]:
     """Return a unique name of each bag: its last parts."""
     depth = 1
     while True:
@@ -152,8 +153,13 @@ def bag_names(bags: list[Path]) -> list[str]:
         depth += 1
 
 
-def plan_bag(bag: Path, name: str, source: str, options: SegmentOptions) -> BagPlan:
+def plan_bag(bag: BagPath, name: str, source: str, options: SegmentOptions) -> BagPlan:
     """Return the segments of a bag; source is centroids, image_raw or empty for either."""
+    with counted() as traffic:
+        return replace(_planned(bag, name, source, options), traffic=traffic)
+
+
+def _planned(bag: BagPath, name: str, source: str, options: SegmentOptions) -> BagPlan:
     plan = BagPlan()
 
     def problem(reason: str, tracker: str = '') -> None:
@@ -194,17 +200,17 @@ def _trackers(topics: Mapping[str, BagTopic], source: str) -> dict[str, str]:
     return found
 
 
-def _identity(bag: Path) -> str:
+def _identity(bag: BagPath) -> str:
     """Return a text that changes when the bag does: sizes and times of its files."""
-    stats = [path.stat() for path in find_files(bag, lambda problem: None).paths]
-    return hashlib.sha256(str([(stat.st_size, stat.st_mtime_ns) for stat in stats]).encode()
-                          ).hexdigest()
+    versions = [version(path) for path in find_files(bag, lambda problem: None).paths]
+    return hashlib.sha256(str(versions).encode()).hexdigest()
 
 
-def _segments(bag: Path, name: str, namespace: str, source: str,
+def _segments(bag: BagPath, name: str, namespace: str, source: str,
               topics: Mapping[str, BagTopic], options: SegmentOptions, identity: str
               ) -> list[Segment]:
-    cameras = _cameras(bag, full_name(namespace, 'camera_info'), topics)
+    cameras = _cameras(bag, full_name(namespace, 'camera_info'), topics,
+                       min(_SPARSE, topics[full_name(namespace, source)].message_count // 2))
     length_ns, overlap_ns = (round(seconds * 1e9) for seconds in (
         options.segment_s, options.overlap_s))
     segments = []
@@ -218,23 +224,23 @@ def _segments(bag: Path, name: str, namespace: str, source: str,
     return segments
 
 
-def _cameras(bag: Path, topic: str, topics: Mapping[str, BagTopic]
+def _cameras(bag: BagPath, topic: str, topics: Mapping[str, BagTopic], most: int
              ) -> list[tuple[int, Camera]]:
-    """Return log times and cameras, the first only where there are many; BagError without one."""
+    """Return log times and cameras, the first only of more than most; BagError without one."""
     if topic not in topics or not topics[topic].message_count:
         raise BagError(f'no {topic}: the focal length is unknown; record it as well')
     found: list[tuple[int, Camera]] = []
     for message in read_messages(bag, topics=(topic,), tolerant=True):
         found.append((message.log_time_ns,
                       camera_from_message(message.decoded())))
-        if topics[topic].message_count > _SPARSE:
+        if topics[topic].message_count > most:
             break
     if not found:
         raise BagError(f'no {topic} can be read')
     return found
 
 
-def _occupied(bag: Path, topic: str, length_ns: int) -> list[int]:
+def _occupied(bag: BagPath, topic: str, length_ns: int) -> list[int]:
     """Return the numbers of the segments that hold messages."""
     spans = read_blocks_ns(bag)
     if spans and all(end_ns - start_ns <= length_ns for start_ns, end_ns in spans):
@@ -243,47 +249,3 @@ def _occupied(bag: Path, topic: str, length_ns: int) -> list[int]:
     # A clock that jumps: a block may span years.
     return sorted({message.log_time_ns // length_ns
                    for message in read_messages(bag, topics=(topic,), tolerant=True)})
-
-
-def is_url(name: str) -> bool:
-    """Return whether a name is a URL, as s3://bucket/flight."""
-    return '://' in name
-
-
-def fetch(url: str, folder: Path) -> list[Path]:
-    """
-    Copy the bags of a URL, a pattern maybe, below a folder; return the copies of what it names.
-
-    Files that are there with the same size are kept. BagError where there is no bag, or the file
-    system of the URL cannot be used; OSError where a copy cannot be written.
-    """
-    with extra('scale', 'fsspec', 'A bag at a URL'):
-        from fsspec.core import url_to_fs
-    try:
-        system, root = url_to_fs(url)
-        named = sorted(system.glob(root)) if any(mark in root for mark in '*?[') else [root]
-        files = {name: [file for file in system.find(name)
-                        if any(PurePosixPath(file).match(kind) for kind in _BAG_FILES)]
-                 for name in named}
-        sizes = {file: int(system.size(file)) for found in files.values() for file in found}
-    except (ImportError, ValueError, OSError) as error:
-        raise BagError(f'{url}: {error or type(error).__name__}') from error
-    if not sizes:
-        raise BagError(f'{url}: no bag there')
-    for file, size in sizes.items():
-        copy = _copy_of(file, folder)
-        if copy.is_file() and copy.stat().st_size == size:
-            continue
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        part = copy.with_name(copy.name + '.part')
-        try:
-            system.get_file(file, str(part))
-        except OSError as error:
-            raise BagError(f'{url}: {file}: {error}') from error
-        part.replace(copy)
-    return [_copy_of(name, folder) for name, found in files.items() if found]
-
-
-def _copy_of(file: str, folder: Path) -> Path:
-    return folder.joinpath(*(part for part in PurePosixPath(file).parts
-                             if part not in ('/', '..')))

@@ -17,13 +17,14 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.mcap_file import McapFile
 from startracker_ros.io.bags.metadata import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.io.bags.qos import qos_from_yaml
+from startracker_ros.io.bags.remote import BagPath, Traffic
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.io.output import check_output, output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed
 from startracker_ros.tools.reprocess.parameters import ParameterSet
 from startracker_ros.tools.reprocess.plan import (
-    bag_names, COPIES, find_bags, plan_bag, Problem, Segment, SegmentOptions)
+    bag_names, find_bags, plan_bag, Problem, Segment, SegmentOptions)
 from startracker_ros.tools.reprocess.work import (
     finished, Outputs, process, remove_partial, SegmentRecord)
 
@@ -79,10 +80,10 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     """
     load_parquet_writer()
     check_output(output_folder(request.folder) / ERRORS)
-    bags = find_bags(request.bags, request.folder / COPIES)
+    bags = find_bags(request.bags)
     names = bag_names(bags)
     with cluster(workers, scheduler) as client:
-        segments, problems = _plan(client, bags, names, request)
+        segments, problems, traffic = _plan(client, bags, names, request)
         runs = [_Run(item, request, segments) for item in request.sets]
         _process(client, runs)
     rows: list[RunRow] = []
@@ -93,25 +94,30 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     if not rows and found:
         raise BagError(f'nothing to process: {found[0].bag}: {found[0].reason}; all problems are '
                        f'in {runs[0].folder / ERRORS}')
-    planned = {segment.name for segment in segments}
-    without = [name for name in names if name not in planned]
+    with_segments = {segment.name for segment in segments}
+    without = [name for name in names if name not in with_segments]
+    for record in (record for run in runs for record in run.processed):
+        traffic.add(record.store_requests, record.store_bytes)
     return Result('reprocess', rows, {
         'frames': sum(row.frames for row in rows),
         'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
+        'store_requests': traffic.requests,
+        'store_mb': traffic.bytes / 1e6,
         'errors': f'{len(found)} rows in {ERRORS}' if found else NOTHING,
         'not_processed': ', '.join([*without, *(
             key for run in runs for key in run.not_processed)]) or NOTHING})
 
 
-def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Request
-          ) -> tuple[list[Segment], list[Problem]]:
-    """Return the segments of all bags, in their order, and what is wrong with bags."""
+def _plan(client: Any, bags: Sequence[BagPath], names: Sequence[str], request: Request
+          ) -> tuple[list[Segment], list[Problem], Traffic]:
+    """Return the segments of all bags, in their order, what is wrong with bags, what it read."""
     tasks = [(bag.resolve(), name, request.source, request.segments)
              for bag, name in zip(bags, names)]
     plans: dict[int, Any] = dict(completed(client, plan_bag, tasks))
     segments: list[Segment] = []
     problems: list[Problem] = []
+    traffic = Traffic()
     for number, name in enumerate(names):
         plan = plans[number]
         if isinstance(plan, Exception):
@@ -119,7 +125,8 @@ def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Requ
         else:
             segments += plan.segments
             problems += plan.problems
-    return segments, problems
+            traffic.add(plan.traffic.requests, plan.traffic.bytes)
+    return segments, problems, traffic
 
 
 class _Run:
@@ -166,7 +173,12 @@ class _Run:
     @property
     def cpu_s(self) -> float:
         """Return the CPU time of the segments that this run processed."""
-        return sum(record.cpu_s for key, record in self.records.items() if key not in self.reused)
+        return sum(record.cpu_s for record in self.processed)
+
+    @property
+    def processed(self) -> list[SegmentRecord]:
+        """Return the records of the segments that this run processed."""
+        return [record for key, record in self.records.items() if key not in self.reused]
 
     def finish(self, problems: Sequence[Problem]) -> None:
         """Write metadata of the bags, the error table and the summary."""
@@ -185,6 +197,8 @@ class _Run:
 
     def rows(self) -> list[RunRow]:
         """Return a row for each bag and tracker."""
+        found = Counter((problem.bag, problem.tracker, problem.begin_ns)
+                        for problem in self.problems)
         groups: dict[tuple[str, str], list[Segment]] = {}
         for segment in self.segments:
             groups.setdefault((segment.name, segment.tracker), []).append(segment)
@@ -194,10 +208,8 @@ class _Run:
                        if segment.key in self.records]
             frames = sum(record.frames for record in records)
             attitudes = sum(record.attitudes for record in records)
-            keys = {segment.begin_ns for segment in segments}
-            problems = sum(problem.bag == name and problem.begin_ns in keys
-                           and problem.tracker == segments[0].namespace
-                           for problem in self.problems)
+            problems = sum(found[name, segment.namespace, segment.begin_ns]
+                           for segment in segments)
             rows.append(RunRow(
                 name, frames, 100 * attitudes / frames if frames else 0.0,
                 *_means([record.accuracy for record in records]), problems, tracker,

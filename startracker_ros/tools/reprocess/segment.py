@@ -52,7 +52,6 @@ class Tally:
     frames: int = 0
     attitudes: int = 0
     cpu_s: float = 0.0
-    read_bytes: int = 0
     problems: Counter[str] = field(default_factory=Counter)
 
 
@@ -85,7 +84,6 @@ class SegmentRun:
                 segment.bag, topics=tuple(self._handlers), start_ns=segment.start_ns,
                 end_ns=segment.end_ns if self._smoothing is None else segment.stop_ns,
                 tolerant=True, report=self._on_damage):
-            self.tally.read_bytes += len(message.data)
             try:
                 self._handlers[message.topic](message)
             except (MessageError, CameraError, MotionError, _DecodeError) as error:

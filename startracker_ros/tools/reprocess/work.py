@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.io.bags.remote import counted
 from startracker_ros.tools.reprocess.leftovers import Leftovers
 from startracker_ros.tools.reprocess.output import SegmentBag
 from startracker_ros.tools.reprocess.plan import Segment
@@ -41,7 +42,7 @@ class SegmentRecord:
     What became of a segment: its files with their hashes, its problems with their counts.
 
     peak_mb is the most memory that the worker had in use up to its end; accuracy and smoothed
-    are those of tables.accuracy().
+    are those of tables.accuracy(); the store is where the bag is at a URL.
     """
 
     key: str
@@ -50,11 +51,12 @@ class SegmentRecord:
     frames: int
     attitudes: int
     cpu_s: float
-    read_bytes: int
     peak_mb: float
     accuracy: tuple[int, float, float]
     smoothed: tuple[int, float, float]
     problems: dict[str, int]
+    store_requests: int
+    store_bytes: int
 
 
 def process(segment: Segment, options: StarTrackerOptions, digest: str, outputs: Outputs
@@ -76,7 +78,8 @@ def process(segment: Segment, options: StarTrackerOptions, digest: str, outputs:
         bag = SegmentBag(bag_folder, segment.namespace, outputs.bag_topics,
                          first_id % _MAX_TRACK_IDS) if outputs.bag_topics else None
         try:
-            tally = SegmentRun(segment, options, bag, tables, leftovers, smoothing).run()
+            with counted() as traffic:
+                tally = SegmentRun(segment, options, bag, tables, leftovers, smoothing).run()
         finally:
             if bag is not None:
                 bag.close()
@@ -95,11 +98,11 @@ def process(segment: Segment, options: StarTrackerOptions, digest: str, outputs:
             (folder / place).parent.mkdir(parents=True, exist_ok=True)
             file.replace(folder / place)
     record = SegmentRecord(
-        segment.key, digest, files, tally.frames, tally.attitudes, tally.cpu_s, tally.read_bytes,
+        segment.key, digest, files, tally.frames, tally.attitudes, tally.cpu_s,
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         accuracy(found['frames']),
         accuracy(found['smoothed']) if smoothing is not None else (0, 0.0, 0.0),
-        dict(tally.problems))
+        dict(tally.problems), traffic.requests, traffic.bytes)
     path = record_path(folder, segment)
     path.parent.mkdir(parents=True, exist_ok=True)
     written = path.with_suffix('.new')
