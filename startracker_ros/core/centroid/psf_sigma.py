@@ -50,8 +50,9 @@ def _sigmas(frame: Frame, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
     star, covariance, chi2, dof, round_spot = fit_free_sigma(
         frame.image, frame.mesh, frame.kernel, frame.full_scale_dn, peaks, noise,
         frame.kernel.sigma_px, ITERATIONS)
-    sigma = star[:, SIGMA]
-    error = np.sqrt(covariance[:, SIGMA, SIGMA])
+    sigma, variance = star[:, SIGMA], covariance[:, SIGMA, SIGMA]
+    # That of a fit that fails may be negative.
+    error = np.sqrt(np.where(variance >= 0, variance, np.inf))
     explained = (sigma > NARROWEST_PX) & (
         misfit(chi2, dof, star[:, FLUX], covariance[:, FLUX, FLUX]) < MAX_MISFIT)
     counts = (error < MAX_ERROR * sigma) & round_spot
