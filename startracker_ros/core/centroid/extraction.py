@@ -364,13 +364,11 @@ class CentroidExtractor:
             peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
         chosen = peaks.select(brightest(peaks.uv, frame.image.shape, SPARE_PEAKS * most))
         others = Rejections()
-        centroids, smeared = self._measure(
-            frame, chosen, sigma_px, others, len(chosen.uv))
+        centroids, smeared = self._measure(frame, chosen, sigma_px, others, len(chosen.uv))
         if len(centroids) < most / 2 and len(chosen.uv) < len(peaks.uv):
             # What is no star fills the list of the brightest: all peaks are fitted.
             others = Rejections()
-            centroids, smeared = self._measure(
-                frame, peaks, sigma_px, others, len(peaks.uv))
+            centroids, smeared = self._measure(frame, peaks, sigma_px, others, len(peaks.uv))
         rejections.include(others)
         return centroids, smeared
 

@@ -312,9 +312,9 @@ class AttitudeModel(StarModel):
         estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
         covariance += estimate.covariance_sensor
         # A jump moves the light, or ends the acceleration that is taken out.
+        probability = self._acceleration.jump_within(self._exposure_s)
         for error in self._moved, turn:
-            covariance += lacking(covariance, error,
-                                  self._acceleration.jump_within(self._exposure_s))
+            covariance += lacking(covariance, error, probability)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=covariance)
 

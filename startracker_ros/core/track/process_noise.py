@@ -51,16 +51,22 @@ class Memory(NamedTuple):
 
 
 class ProcessNoise:
-    """Learns k about each sensor axis by good frames in turn."""
+    """
+    Learns k about each sensor axis by good frames in turn.
+
+    excess is (k - 1) P_Q (6, 6), by which the covariance of attitude and rate is too small.
+    """
 
     def __init__(self) -> None:
         self._memory = Memory(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3),
                               np.zeros(3))
+        self.excess = np.zeros((6, 6))
 
     def interrupt(self) -> None:
         """Take all of the covariance as known: what is predicted next is no steady motion."""
         for array in self._memory[:3]:
             array.fill(0.0)
+        self.excess = np.zeros((6, 6))
 
     def add(self, prediction: Prediction, covariance: np.ndarray, turn: np.ndarray,
             turn_covariance: np.ndarray) -> None:
@@ -71,18 +77,14 @@ class ProcessNoise:
         """
         add_frame(self._memory, prediction.transition, prediction.process, covariance, turn,
                   turn_covariance)
+        size = np.sqrt(np.tile(self.ratio, 2))
+        self.excess = self._memory.share[:6, :6] * (size[:, None] * size - 1)
 
     @property
     def ratio(self) -> np.ndarray:
         """Return k (3,) about sensor axes."""
         memory = self._memory
         return np.maximum(1 + memory.score / (memory.information + ASSUMED), 0.0)
-
-    @property
-    def excess(self) -> np.ndarray:
-        """Return (k - 1) P_Q (6, 6), by which the covariance of attitude and rate is too small."""
-        share, size = self._memory.share[:6, :6], np.sqrt(np.tile(self.ratio, 2))
-        return share * (np.outer(size, size) - 1)
 
 
 @compiled
