@@ -47,9 +47,8 @@ class Processes(ExitStack):
     """Processes of this interpreter, killed at the end."""
 
     def start(self, *arguments):
-        """Start one that prints nothing."""
-        process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL,
-                                   stderr=subprocess.DEVNULL)
+        """Start one whose errors are among the output of the test."""
+        process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL)
         self.callback(process.wait)
         self.callback(process.kill)
         return process
@@ -63,8 +62,9 @@ def object_store():
         for name, value in (('ENDPOINT_URL', f'http://127.0.0.1:{port}'), ('ACCESS_KEY_ID', 'a'),
                             ('SECRET_ACCESS_KEY', 'b'), ('DEFAULT_REGION', 'us-east-1')):
             patch.setenv(f'AWS_{name}', value)
-        processes.start('-c', MOTO, str(port))
-        wait_for(lambda: answers(port))
+        store = processes.start('-c', MOTO, str(port))
+        wait_for(lambda: answers(port) or store.poll() is not None)
+        assert store.poll() is None
         import s3fs
         yield s3fs.S3FileSystem()
 
