@@ -32,12 +32,11 @@ from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_to_message, identification_to_message, tracks_to_message)
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.image import camera_to_message, image_to_message
 from startracker_ros.ros.messages.odometry import state_to_odometry
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import MotionState

@@ -28,8 +28,7 @@ from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
-from startracker_ros.ros.messages.geometry import vector_to_geometry
-from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.header import make_header, vector_to_geometry
 from startracker_ros.ros.node import PipelineNode, publish_if_subscribed
 from startracker_ros.ros.odometry_input import OdometryInput
 

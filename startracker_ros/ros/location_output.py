@@ -10,8 +10,7 @@ from startracker_ros.core.locate.locator import Located, Rejected
 from startracker_ros.core.maths.rotation import quaternion_from_matrix
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.geometry import quaternion_to_geometry
-from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.header import make_header, quaternion_to_geometry
 from startracker_ros.ros.node import PipelineNode
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray

@@ -34,10 +34,9 @@ from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
-from startracker_ros.ros.memory import choose_segment
+from startracker_ros.ros.memory import choose_segment, remove_left_behind
 from startracker_ros.ros.messages.rclpy_internals import take_all
 from startracker_ros.ros.messages.serialized import deserialized, is_read_here
-from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import exit_after, Shutdown
 from std_srvs.srv import Trigger
 

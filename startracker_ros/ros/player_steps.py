@@ -14,9 +14,8 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.latched import held_before, held_messages
 from startracker_ros.io.bags.patterns import selected
 from startracker_ros.io.bags.playback import Playback, PlayOptions
-from startracker_ros.io.bags.reader import BagMessage, BagTopic
+from startracker_ros.io.bags.reader import BagMessage, BagTopic, TolerantBag
 from startracker_ros.io.bags.schemas import message_schema
-from startracker_ros.io.bags.tolerant import TolerantBag
 from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import PipelineNode

@@ -21,8 +21,8 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import ImageOutput
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.node import PipelineNode, StartError
 from std_msgs.msg import Header
 

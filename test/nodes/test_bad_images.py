@@ -11,9 +11,8 @@ from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.image import camera_to_message, image_to_message
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 

@@ -16,10 +16,9 @@ from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import NODES
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.image import camera_to_message, image_to_message
 
 
 def header(index):

@@ -17,9 +17,9 @@ from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import stars_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 
 STAMP_NS, FRAME = 1_790_000_000_000_000_000, 'star_tracker_optical_frame'
 MOUNT = [-0.3618, 0.5012, 0.7391, -0.2671]

@@ -18,10 +18,10 @@ from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import camera_from_message
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     centroids_to_message, stars_to_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)

@@ -18,10 +18,10 @@ from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, read_cl
 from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, centroids_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 
 EPOCH_YEAR = 2026.7
 OPTIONS = {'method': 'extended_grid', 'magnitude_limit': 7.5}

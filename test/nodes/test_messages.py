@@ -26,13 +26,13 @@ from startracker_ros.io.bags.layouts import (
     PREDICTION_DTYPE, read_cloud)
 from startracker_ros.ros.diagnostics import status_message, WARN
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_from_message, centroids_to_message, cloud_to_message,
     predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
-from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
-from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
+from startracker_ros.ros.messages.header import (
+    make_header, quaternion_to_geometry, vector_to_geometry)
+from startracker_ros.ros.messages.image import (
+    camera_to_message, image_message_from_cdr, image_to_message)
 from startracker_ros.ros.messages.serialized import deserialized
 
 CAMERA = Camera(640, 480, 3000.0, 3010.0, 320.0, 239.0, (-0.1, 0.01, 1e-3, 2e-3, 0.0))

@@ -25,11 +25,11 @@ from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYP
 from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_to_message, stars_to_message)
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.messages.serialized import deserialized
 import yaml
 

@@ -6,8 +6,8 @@
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.tools.demos.readiness import needs_of, Readiness
 
 

@@ -21,9 +21,9 @@ from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.probe import Progress
 from startracker_ros.ros.processes import NodeProcesses
 

@@ -12,8 +12,8 @@ import rclpy
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.executables import NODES, STAGES
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.node import node_class_of, PipelineNode
 from startracker_ros.ros.processes import parameter_arguments
 

@@ -7,7 +7,7 @@ import fcntl
 import os
 
 import pytest
-from startracker_ros.ros.shared_memory import remove_left_behind
+from startracker_ros.ros.memory import remove_left_behind
 
 
 def make(folder, name, age_s):

@@ -15,8 +15,8 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.io.bags.layouts import camera_from_message, image_from_message, ns_from_stamp
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import stamp_from_ns
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.source import ANSWER_LIMIT_S
 from std_msgs.msg import Header
 

@@ -16,9 +16,9 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.messages.odometry import motion_to_odometry
 from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
 from visualization_msgs.msg import MarkerArray

@@ -31,10 +31,10 @@ from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 from startracker_ros.ros.messages.odometry import state_to_odometry
 
 ONBOARD = onboard_stars(CAMERA, 2026.7, 6.5)

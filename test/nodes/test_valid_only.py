@@ -13,9 +13,9 @@ from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos, tables
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import stars_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import camera_to_message
 import yaml
 
 STEP_NS = 100_000_000

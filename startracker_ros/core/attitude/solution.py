@@ -4,10 +4,9 @@
 """One compiled call from directions to attitude, covariance and residuals."""
 
 import numpy as np
-from startracker_ros.core.attitude.davenport import davenport
+from startracker_ros.core.attitude.davenport import attitude_profile, davenport
 from startracker_ros.core.attitude.quest import quest
 from startracker_ros.core.attitude.refinement import inverse_information, MIN_GAP, residuals
-from startracker_ros.core.attitude.svd import svd
 from startracker_ros.core.attitude.triad import best_pair, triad, triad_covariance
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import (
@@ -102,3 +101,24 @@ def _twins(sensor: np.ndarray, icrf: np.ndarray) -> tuple[int, int]:
                     and icrf[i, 1] == icrf[j, 1] and icrf[i, 2] == icrf[j, 2]):
                 return j, i
     return -1, -1
+
+
+@compiled
+def svd(sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """
+    Return the matrix (3, 3) to ICRF and the gap, as davenport().
+
+    Of the singular vectors of the attitude profile (Markley, J. Astronaut. Sci. 36, 1988).
+    The gap is 2 (s2 + d s3) of the singular values s, d = -1 for mirrored directions.
+    """
+    left, singular, right = np.linalg.svd(attitude_profile(sensor, icrf, weight))
+    # Right-handed: two stars leave the third direction and its sign open.
+    third_left = np.cross(left[:, 0], left[:, 1])
+    third_right = np.cross(right[0], right[1])
+    mirror = np.dot(third_left, left[:, 2].copy()) * np.dot(third_right, right[2].copy())
+    matrix = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            matrix[i, j] = (left[i, 0] * right[0, j] + left[i, 1] * right[1, j]
+                            + third_left[i] * third_right[j])
+    return matrix, 2 * (singular[1] + mirror * singular[2])

@@ -83,11 +83,6 @@ class Centroids:
             return self
         return self.select(np.argsort(-self.flux, kind='stable')[:most])
 
-    def exposed(self, exposure_s: tuple[float, float]) -> 'Centroids':
-        """Return the centroids of an image with this exposure."""
-        return Centroids(self.uv, self.flux, self.snr, self.sigma_px, self.covariance,
-                         self.delay_s, self.common, exposure_s)
-
     @property
     def are_streaks(self) -> bool:
         """Return whether the errors are those of streaks: not the same along and across."""

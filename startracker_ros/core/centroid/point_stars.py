@@ -14,7 +14,6 @@ from startracker_ros.core.centroid.gaussian_fit import Fit, fit_stars, ITERATION
 from startracker_ros.core.centroid.moments import Segmentation, weighted_means, WEIGHTS
 from startracker_ros.core.centroid.noise import initial_noise_model, NoiseModel
 from startracker_ros.core.centroid.noise_fit import refine_noise_model
-from startracker_ros.core.centroid.position import drifted, duplicates
 from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.shape import classify_shapes, lone_pixel, streaks
@@ -36,6 +35,9 @@ REASONS = ('', 'edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too
 STAR, EDGE, SATURATED, HOT_PIXEL, COSMIC_RAY, ELONGATED, TOO_WIDE, NOT_FITTED, FAINT_SPOT = range(
     len(REASONS))
 GAUSSIAN = -1  # method, beside those of the weighted means
+
+MAX_DRIFT_PX = 1.5  # a fit that ends further from its peak is of something else
+SEPARATION_PX = 1.0  # two closer fits are of one star
 
 
 def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas: float,
@@ -240,3 +242,26 @@ def fit_free_sigma(image: np.ndarray, mesh: Mesh, kernel: Kernel, full_scale: fl
                     iterations)
     return (fit.parameters, fit.covariance, fit.chi2, fit.dof,
             ~drifted(fit, windows) & ~streaks(fit, windows))
+
+
+@compiled
+def drifted(fit: Fit, windows: Windows) -> np.ndarray:
+    """Return True (K,) for fits that ended far from their peaks or are NaN."""
+    radius, far = windows.data.shape[1] // 2, np.empty(len(fit.parameters), np.bool_)
+    for i in range(len(far)):
+        far[i] = not (math.hypot(fit.parameters[i, U] - windows.corner[i, 0] - radius,
+                                 fit.parameters[i, V] - windows.corner[i, 1] - radius)
+                      < MAX_DRIFT_PX)
+    return far
+
+
+@compiled
+def duplicates(fit: Fit, windows: Windows) -> np.ndarray:
+    """Return True (K,) for the fainter of two fits closer than SEPARATION_PX."""
+    duplicate = np.zeros(len(fit.parameters), np.bool_)
+    for i in range(len(duplicate)):
+        for k in range(windows.first[i], windows.first[i + 1]):
+            star, other = fit.parameters[i], fit.parameters[windows.sources[k]]
+            if math.hypot(star[U] - other[U], star[V] - other[V]) < SEPARATION_PX:
+                duplicate[i] |= star[FLUX] < other[FLUX]
+    return duplicate

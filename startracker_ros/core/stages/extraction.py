@@ -187,7 +187,8 @@ class ExtractionStage:
         Without lost, that there is no prediction does not mean that no star tracker tracks.
         """
         extraction = self._extract(stamp_ns, image, predicted, lost)
-        return replace(extraction, centroids=extraction.centroids.exposed(self.exposure_s))
+        return replace(extraction, centroids=replace(
+            extraction.centroids, exposure_s=self.exposure_s))
 
     @property
     def exposure_s(self) -> tuple[float, float]:

@@ -156,8 +156,7 @@ def error_rows(count: int, figures: dict[str, Errors]) -> Iterator[BenchRow]:
         figures[name].quaternion, figures[OPTIMAL[0]].quaternion), axis=1).max()
         for name in OPTIMAL[1:])
     yield BenchRow(f'{count} vectors: {", ".join(OPTIMAL)}, largest angle between them',
-                   float(apart), 'rad', bound=f'<= {_AGREEMENT_RAD:g}',
-                   holds=apart <= _AGREEMENT_RAD)
+                   float(apart), 'rad', most=_AGREEMENT_RAD)
 
 
 def consistency_rows(figures: Sequence[dict[str, Errors]]) -> Iterator[BenchRow]:

@@ -12,6 +12,7 @@ import time
 
 from mcap.writer import CompressionType, Writer
 import numpy as np
+from startracker_ros.evaluation.bench.cedar_process import status_mb
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.info import describe
@@ -153,7 +154,7 @@ def fuzz(seed: int, inputs: int) -> FuzzResult:
             examine(path)
         # Reset the peak, which includes the imports; psutil offers neither on Linux.
         Path('/proc/self/clear_refs').write_text('5')
-        before_mb = _peak_memory_mb()
+        before_mb = status_mb('VmHWM')
         for number in range(inputs):
             path.write_bytes(damage(bags[number % len(bags)], rng))
             begin_s = time.process_time()
@@ -162,13 +163,7 @@ def fuzz(seed: int, inputs: int) -> FuzzResult:
             except Exception as error:
                 wrong.append(f'seed {seed}, input {number}: {type(error).__name__}: {error}')
             slowest_s = max(slowest_s, time.process_time() - begin_s)
-    return FuzzResult(inputs, rejected, tuple(wrong), slowest_s, _peak_memory_mb() - before_mb)
-
-
-def _peak_memory_mb() -> float:
-    """Return the largest resident memory of this process so far (Linux)."""
-    lines = Path('/proc/self/status').read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith('VmHWM')) / 1024
+    return FuzzResult(inputs, rejected, tuple(wrong), slowest_s, status_mb('VmHWM') - before_mb)
 
 
 def fuzz_in_processes(seed: int, inputs: int) -> FuzzResult:

@@ -35,13 +35,14 @@ def measure(build: Callable[[], object]) -> tuple[object, float, float]:
     """Return the result of build(), its wall time in s and the growth of memory in MB."""
     # Linux counts the peak from here on.
     Path('/proc/self/clear_refs').write_text('5')
-    before_mb = _status_mb('VmRSS')
+    before_mb = status_mb('VmRSS')
     start_s = time.perf_counter()
     built = build()
-    return built, time.perf_counter() - start_s, _status_mb('VmHWM') - before_mb
+    return built, time.perf_counter() - start_s, status_mb('VmHWM') - before_mb
 
 
-def _status_mb(field: str) -> float:
+def status_mb(field: str) -> float:
+    """Return a field of the status of this process, as VmHWM, the most memory so far (Linux)."""
     lines = Path('/proc/self/status').read_text().splitlines()
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(field))
 

@@ -10,17 +10,16 @@ from tempfile import TemporaryDirectory
 import time
 
 import psutil
+from startracker_ros.evaluation.bench.reprocess import flight_bag, processed
 from startracker_ros.evaluation.bench.sparse_bag import write_sparse_bag
 from startracker_ros.io.bags.remote import remote_bags
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed, MOST_TASKS
-from startracker_ros.sim.flights.bags import write_bag
 from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.tools.figures.machine import machine, StealTime
 from startracker_ros.tools.figures.rows import Row
-from startracker_ros.tools.reprocess.parameters import parameter_sets
-from startracker_ros.tools.reprocess.plan import BagPlan, plan_bag, SegmentOptions
-from startracker_ros.tools.reprocess.work import Outputs, process, SegmentRecord
+from startracker_ros.tools.reprocess.plan import BagPlan
+from startracker_ros.tools.reprocess.work import SegmentRecord
 
 CASES = ('scheduler', 'sparse', 'year')
 HEADS, RATE_HZ, YEAR_S, SEGMENT_S = 1000, 10.0, 365 * 86_400, 3600.0
@@ -87,19 +86,15 @@ def _flight_rows(folder: Path, seed: int, tasks_s: float, only: Sequence[str], r
 
 def _flight(folder: Path, frames: int, seed: int) -> Path:
     """Write the bag of a flight; return its file."""
-    folder.mkdir()
-    write_bag(folder, FlightOptions(days=frames / RATE_HZ / 86_400, bag_hours=1.0,
-                                    rate_hz=RATE_HZ, heads=1), seed, 0)
-    return next(folder.glob('*/*.mcap'))
+    return next(flight_bag(folder, FlightOptions(
+        days=frames / RATE_HZ / 86_400, bag_hours=1.0, rate_hz=RATE_HZ, heads=1), seed).glob(
+            '*.mcap'))
 
 
 def _reprocessed(path: Path, folder: Path) -> tuple[BagPlan, list[SegmentRecord]]:
     """Return plan and records of a file at a URL, processed in this process."""
     bag, = remote_bags(f'file://{path}')
-    plan = plan_bag(bag, 'flight', '', SegmentOptions(segment_s=86_400.0))
-    parameters, = parameter_sets((), ())[0]
-    outputs = Outputs(folder, frozenset(), smooth=False)
-    return plan, [process(segment, parameters.options, '', outputs) for segment in plan.segments]
+    return processed(bag, folder)
 
 
 def _year_rows(file: Path, plan: BagPlan, records: Sequence[SegmentRecord], tasks_s: float,

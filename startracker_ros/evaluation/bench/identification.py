@@ -23,7 +23,7 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import random_attitude
 from startracker_ros.evaluation.bench.corpus import EPOCH_YEAR, View
 from startracker_ros.evaluation.bench.narrow_field import NARROW_CONDITIONS, narrow_field_rows
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.tools.figures.rows import Row
@@ -160,8 +160,8 @@ def run_identification_bench(*, trials: int, seed: int, only: Sequence[str] = ()
         cases = [(view, CASES[name]) for name, view in cells]
         done = parallel_trials(solve_frames, cases, count, _PART_TRIALS, seed, title=title,
                                scheduler=scheduler)
-        for (name, view), parts in zip(cells, done):
-            rows += _rows(f'{view.name}, {name}', CASES[name], concatenated(parts))
+        for (name, view), outcome in zip(cells, done):
+            rows += _rows(f'{view.name}, {name}', CASES[name], outcome)
     if NARROW in (only or ALL_CASES):
         rows += narrow_field_rows(trials=spot_trials, seed=seed, scheduler=scheduler)
     return Result('bench identification', rows, {
@@ -187,10 +187,9 @@ def _rows(name: str, case: Case, outcome: Outcome) -> Iterator[Row]:
     if case.false:
         solved = 100 * float(np.mean(outcome.solved))
         # More spots need the whole time limit of some frames: as many as the machine has time for.
-        bound, holds = ('>= 95', solved >= 95) if case.false <= 100 else ('', True)
-        yield Row(f'{name}: solved', solved, '%', bound, holds)
+        yield Row(f'{name}: solved', solved, '%', least=95 if case.false <= 100 else None)
         median_ms = 1e3 * float(np.median(outcome.cpu_s))
-        yield Row(f'{name}: time, median', median_ms, 'ms', '<= 1000', median_ms <= 1000)
+        yield Row(f'{name}: time, median', median_ms, 'ms', most=1000)
     else:
-        yield Row(f'{name}: unsolved', unsolved, 'frames', '= 0', not unsolved)
-    yield Row(f'{name}: wrong', wrong, 'frames', '= 0', not wrong)
+        yield Row(f'{name}: unsolved', unsolved, 'frames', exactly=0)
+    yield Row(f'{name}: wrong', wrong, 'frames', exactly=0)

@@ -12,7 +12,7 @@ import numpy as np
 from startracker_ros.evaluation.bench.corpus import ALL_CELLS, Cell, frames, View, VIEWS
 from startracker_ros.evaluation.bench.peers import (
     CEDAR, Cedar, Database, measure_database, Solver, solvers, timed_attitudes, TUNED, WARM_UP)
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import Processes
 from startracker_ros.tools.figures.correctness import CORRECT_TEXT, is_correct
@@ -159,9 +159,8 @@ def run_lost_in_space_bench(*, trials: int, seed: int, only: Sequence[str],
         done = parallel_trials(
             solve_frames, [(view, ALL_CELLS[name], cedar) for view, name in cells], trials,
             _PART_TRIALS, seed, title='lost in space', scheduler=scheduler)
-    for (view, name), parts in zip(cells, done):
-        joined = {solver: concatenated([part[solver] for part in parts]) for solver in parts[0]}
-        rows += cell_rows(view, name, ALL_CELLS[name], joined)
+    for (view, name), outcomes in zip(cells, done):
+        rows += cell_rows(view, name, ALL_CELLS[name], outcomes)
     return Result('bench lost-in-space', _used_columns(rows), {
         'machine': machine(),
         'cameras': '; '.join(f'{view.name}: {view.fov_deg:g} deg, {view.width} px, V '

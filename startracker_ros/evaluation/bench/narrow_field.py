@@ -14,7 +14,7 @@ import psutil
 from startracker_ros.evaluation.bench.corpus import Cell, frames, View
 from startracker_ros.evaluation.bench.lost_in_space import CORRECT, kind_of, Outcome, WRONG
 from startracker_ros.evaluation.bench.peers import Ours, timed_attitudes, WARM_UP, WARM_UP_VIEW
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.workers import Processes
 from startracker_ros.tools.figures.rows import Row
 
@@ -62,18 +62,16 @@ def narrow_field_rows(*, trials: int, seed: int, scheduler: str = '') -> Iterato
     views = list(VIEWS.values())
     done = parallel_trials(solve_frames, [(view,) for view in views], trials, _PART_TRIALS, seed,
                            title='narrow fields', scheduler=scheduler)
-    for view, parts in zip(views, done):
-        outcome = concatenated(parts)
+    for view, outcome in zip(views, done):
         solved = 100 * float(np.mean(outcome.kind == CORRECT))
         least = _SOLVED_PERCENT[view.name]
-        yield Row(f'{view.name}: correct', solved, '%', f'>= {least:g}', solved >= least)
+        yield Row(f'{view.name}: correct', solved, '%', least=least)
         wrong = int(np.count_nonzero(outcome.kind == WRONG))
-        yield Row(f'{view.name}: wrong', wrong, 'frames', '= 0', not wrong)
+        yield Row(f'{view.name}: wrong', wrong, 'frames', exactly=0)
         for name, percentile, most in (('median', 50, 2.0), ('p99', 99, 50.0)):
             time_ms = 1e3 * float(np.percentile(outcome.cpu_s, percentile))
-            yield Row(f'{view.name}: time, {name}', time_ms, 'ms', f'<= {most:g}',
-                      time_ms <= most)
+            yield Row(f'{view.name}: time, {name}', time_ms, 'ms', most=most)
         with Processes(1) as fresh:
             build_s, memory_mb = fresh.submit(measure_build, view).result()
-        yield Row(f'{view.name}: database, time', build_s, 's', '<= 3', build_s <= 3)
-        yield Row(f'{view.name}: database, memory', memory_mb, 'MB', '<= 100', memory_mb <= 100)
+        yield Row(f'{view.name}: database, time', build_s, 's', most=3)
+        yield Row(f'{view.name}: database, memory', memory_mb, 'MB', most=100)

@@ -53,15 +53,6 @@ _CPU_GOALS_PERCENT = {'processes': 10.0, 'composed': 5.0}
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
 
 
-def _row(case: str, ours: float, unit: str, bound: str, holds: bool, peer: str = '',
-         ratio: float | None = None) -> PercentileRow:
-    return PercentileRow(case, ours, unit=unit, peer=peer, ratio=ratio, bound=bound, holds=holds)
-
-
-def _bounded(case: str, ours: float, unit: str, most: float) -> PercentileRow:
-    return _row(case, ours, unit, f'<= {most:g}' if np.isfinite(most) else '', ours <= most)
-
-
 @contextmanager
 def _empty_cache() -> Iterator[str]:
     """Let the pattern databases begin in an empty folder, which is returned."""
@@ -97,8 +88,8 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
             solved.quaternion, frame.state.q_icrf_from_sensor))
     cross = np.sqrt(np.mean(np.array(errors)[:, :2] ** 2)) / ARCSEC
-    yield _row('noise-free images: cross-boresight error, rms', cross, 'arcsec', '< 0.1',
-               cross < 0.1)
+    yield PercentileRow('noise-free images: cross-boresight error, rms', cross, unit='arcsec',
+                        bound='< 0.1', holds=cross < 0.1)
 
 
 def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -122,10 +113,11 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
     ratio = float(np.sqrt(np.mean(normalised)))
     ours = float(np.sqrt(np.mean(np.square(cross)))) / ARCSEC
     limit_arcsec = float(np.sqrt(np.mean(bound))) / ARCSEC
-    yield _row('0.1 px, 12 deg, 512 px: cross-boresight error, rms', ours, 'arcsec', '', True,
-               f'Cramer-Rao {limit_arcsec:.3f}', ours / limit_arcsec)
-    yield _row('0.1 px, 12 deg, 512 px: three-axis error over the bound', ratio, '', '<= 1.1',
-               ratio <= 1.1, 'Cramer-Rao 1', ratio)
+    yield PercentileRow(
+        '0.1 px, 12 deg, 512 px: cross-boresight error, rms', ours, unit='arcsec',
+        peer=f'Cramer-Rao {limit_arcsec:.3f}', ratio=ours / limit_arcsec)
+    yield PercentileRow('0.1 px, 12 deg, 512 px: three-axis error over the bound', ratio, unit='',
+                        peer='Cramer-Rao 1', ratio=ratio, most=1.1)
 
 
 def pyramid(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -146,22 +138,20 @@ def pyramid(trials: int, seed: int) -> Iterator[PercentileRow]:
             right = is_correct(result.attitude.quaternion, q)
             solved, wrong = solved + right, wrong + (not right)
     case = '0.3 px, 12 deg, 512 px, V 6'
-    share, median = 100 * solved / trials, float(np.median(times_ms))
-    yield _row(f'{case}: solved', share, '%', '>= 99', share >= 99)
-    yield _row(f'{case}: wrong', wrong, 'frames', '= 0', wrong == 0)
-    yield _row(f'{case}: time, median', median, 'ms', '<= 2', median <= 2)
-    yield _row(f'{case}: time, p99', float(np.percentile(times_ms, 99)), 'ms', '', True)
+    yield PercentileRow(f'{case}: solved', 100 * solved / trials, unit='%', least=99)
+    yield PercentileRow(f'{case}: wrong', wrong, unit='frames', exactly=0)
+    yield PercentileRow(f'{case}: time, median', float(np.median(times_ms)), most=2)
+    yield PercentileRow(f'{case}: time, p99', float(np.percentile(times_ms, 99)))
 
 
 def database(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Time how long the pattern database takes to build, and to load from the cache."""
     with _empty_cache():
-        for name, bound in (('built', 2.0), ('out of the cache', 2.0)):
+        for name, most in (('built', 2.0), ('out of the cache', 2.0)):
             start_s = time.perf_counter()
             make_identifier(SMALL_CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
-            elapsed_s = time.perf_counter() - start_s
-            yield _row(f'database, 12 deg, V 6: {name}', elapsed_s, 's', f'<= {bound:g}',
-                       elapsed_s <= bound)
+            yield PercentileRow(f'database, 12 deg, V 6: {name}', time.perf_counter() - start_s,
+                                unit='s', most=most)
 
 
 def rendering(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -178,8 +168,8 @@ def rendering(trials: int, seed: int) -> Iterator[PercentileRow]:
             start_s = time.process_time()
             simulator.frame(index / 10)
             times_ms.append((time.process_time() - start_s) * 1e3)
-        median = float(np.median(times_ms))
-        yield _row(f'rendering, 1024 px, {name}: median', median, 'ms', '<= 10', median <= 10)
+        yield PercentileRow(f'rendering, 1024 px, {name}: median', float(np.median(times_ms)),
+                            most=10)
 
 
 def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -211,10 +201,9 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
             for stage, elapsed_s in zip(stages.values(), np.diff(marks)):
                 stage.append(elapsed_s * 1e3)
     for name, times_ms in stages.items():
-        yield _row(f'core work, 1024 px: {name}, median', float(np.median(times_ms)), 'ms', '',
-                   True)
+        yield PercentileRow(f'core work, 1024 px: {name}, median', float(np.median(times_ms)))
     total = float(np.median(np.sum(list(stages.values()), axis=0)))
-    yield _row('core work, 1024 px: all, median', total, 'ms', '<= 15', total <= 15)
+    yield PercentileRow('core work, 1024 px: all, median', total, most=15)
 
 
 def processes(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -228,15 +217,14 @@ def processes(trials: int, seed: int) -> Iterator[PercentileRow]:
                 env=node_environment(), stdout=subprocess.PIPE, text=True)
             document = json.loads(done.stdout.splitlines()[-1])
             figures = {row['case']: row['ours'] for row in document['rows']}
-            start_s = figures['process start to first attitude']
-            dropped = figures['frames dropped']
-            yield _row(f'processes, {run} run: start to first attitude', start_s, 's',
-                       f'<= {limit_s:g}', start_s <= limit_s)
-            yield _row(f'processes, {run} run: frames dropped', dropped, 'frames', '= 0',
-                       dropped == 0)
+            yield PercentileRow(f'processes, {run} run: start to first attitude',
+                                figures['process start to first attitude'], unit='s',
+                                most=limit_s)
+            yield PercentileRow(f'processes, {run} run: frames dropped',
+                                figures['frames dropped'], unit='frames', exactly=0)
             for name in ('p50', 'p95'):
                 case = f'image sent to attitude received, {name}'
-                yield _row(f'processes, {run} run: {case}', figures[case], 'ms', '', True)
+                yield PercentileRow(f'processes, {run} run: {case}', figures[case])
 
 
 def latency(trials: int, seed: int) -> Iterator[PercentileRow]:
@@ -269,7 +257,7 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         mode = 'composed' if composed else 'processes'
         case = f'{size} px, {mode}'
         goals = _LATENCY_GOALS if size == 1024 else {}
-        p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
+        p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, None))
         result = measure(images, 12.0, folder, composed=composed, rate_hz=rate_hz, count=count)
         for stage, times_ms in result.stages_ms.items():
             yield PercentileRow.of_times(f'{case}: {stage}', times_ms)
@@ -279,12 +267,13 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         # Composed with their source the stages receive an image without any transport.
         transport_ms = result.stages_ms['transport and decoding'] if composed else bare_ms
         share_ms = float(np.median(result.total_ms) - np.median(transport_ms))
-        yield _bounded(f'{case}: image to attitude without the transport of the image', share_ms,
-                       'ms', _SHARE_GOALS_MS[mode] if goals else np.inf)
-        yield _bounded(f'{case}: processor time of the nodes at {CAMERA_RATE_HZ:g} Hz',
-                       result.cpu_percent, '%', _CPU_GOALS_PERCENT[mode] if goals else np.inf)
-        yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
-                   f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
+        yield PercentileRow(f'{case}: image to attitude without the transport of the image',
+                            share_ms, most=_SHARE_GOALS_MS[mode] if goals else None)
+        yield PercentileRow(f'{case}: processor time of the nodes at {CAMERA_RATE_HZ:g} Hz',
+                            result.cpu_percent, unit='%',
+                            most=_CPU_GOALS_PERCENT[mode] if goals else None)
+        yield PercentileRow(f'{case}: images a second', result.highest_hz, unit='Hz',
+                            least=least_hz)
 
 
 CASES: dict[str, Callable[[int, int], Iterator[PercentileRow]]] = {

@@ -21,7 +21,6 @@ import tempfile
 
 import numpy as np
 from scipy.spatial import cKDTree
-from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -39,6 +38,7 @@ from startracker_ros.evaluation.bench.corpus import View
 from startracker_ros.evaluation.bench.peers import CEDAR, Cedar, Tetra3rs
 from startracker_ros.evaluation.bench.photographs import (
     CORRECT_OF_FIELD, Photograph, photographs, REPOSITORY_IMAGES)
+from startracker_ros.evaluation.campaign.lenses import accepted_lens, middle_of
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import installed_version, machine, peer_versions
 from startracker_ros.tools.figures.timing import cpu_timed
@@ -123,15 +123,9 @@ def centroids_of(rows: np.ndarray) -> Centroids:
     return Centroids(rows[:, :2], rows[:, 2], np.full(count, 10.0), np.full(count, 0.2))
 
 
-def solve_ours(ladder: LadderIdentifier, given: Camera, centroids: Centroids
-               ) -> np.ndarray | None:
+def solve_ours(ladder: LadderIdentifier, centroids: Centroids) -> np.ndarray | None:
     """Return the direction of the image centre by our solver on one list of stars."""
-    for attempt in ladder.identify([centroids]):
-        if attempt.identification.attitude is not None:
-            lens = learn_lens(attempt, FOV_ERROR)
-            if not lens.rejected:
-                return rotate(lens.attitude.quaternion, [0.0, 0.0, 1.0])
-    return None
+    return middle_of(accepted_lens(ladder.identify([centroids]), FOV_ERROR))
 
 
 def _whole(images: Sequence[Photograph], cameras: Sequence[Camera | None]
@@ -153,8 +147,8 @@ def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists)
     found = []
     for image, given, centroids in zip(images, cameras, lists):
         ladder = LadderIdentifier(given, image.epoch_year, _OPTIONS)
-        solve_ours(ladder, given, centroids)
-        time_s, direction = cpu_timed(solve_ours, ladder, given, centroids)
+        solve_ours(ladder, centroids)
+        time_s, direction = cpu_timed(solve_ours, ladder, centroids)
         found.append((direction, time_s))
     return found
 

@@ -15,6 +15,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, StarCatalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.maths.rotation import radec_from_unit, random_attitude, rotate
+from startracker_ros.evaluation.bench.star_images import flux_above
 from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import SteadyMotion
@@ -117,8 +118,7 @@ def flux_of(snr: float, share: np.ndarray) -> float:
 
     SNR is F / sqrt(F + P noise^2) with the noise of a pixel and P = 1 / sum(share^2) pixels.
     """
-    noise_e2 = _NOISE_E2 / np.sum(share ** 2)
-    return float(snr ** 2 + np.sqrt(snr ** 4 + 4 * snr ** 2 * noise_e2)) / 2
+    return flux_above(snr, _NOISE_E2 / np.sum(share ** 2))
 
 
 def bounds_px(scene: Scene, share: np.ndarray, flux_e: float) -> np.ndarray:

@@ -9,13 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from startracker_ros.evaluation.bench.reprocess import flight_bag, processed
 from startracker_ros.io.table import Result
-from startracker_ros.sim.flights.bags import write_bag
 from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.tools.figures.rows import combined
-from startracker_ros.tools.reprocess.parameters import parameter_sets
-from startracker_ros.tools.reprocess.plan import find_bags, plan_bag, SegmentOptions
-from startracker_ros.tools.reprocess.work import Outputs, process
 
 RATIO = 0.7
 _NEES_BOUND = 1.5
@@ -53,15 +50,11 @@ def _row(case: str, gyro_noise: float, trials: int, seed: int) -> SmoothingRow:
     options = FlightOptions(days=hours / 24, bag_hours=hours, rate_hz=10.0, heads=1,
                             gyro_noise_deg_sqrt_h=gyro_noise, focal_drift_percent_day=0.0,
                             focal_orbit_percent=0.0)
-    parameters, = parameter_sets(
-        (), [f'star_tracker.gyro_noise_deg_sqrt_h={gyro_noise}'])[0]
     with TemporaryDirectory() as name:
         folder = Path(name)
-        write_bag(folder, options, seed, 0)
-        bag, = find_bags([name])
-        plan = plan_bag(bag, 'flight', '', SegmentOptions(segment_s=86400.0))
-        records = [process(segment, parameters.options, '', Outputs(
-            folder / 'out', frozenset(), smooth=True)) for segment in plan.segments]
+        _, records = processed(
+            flight_bag(folder / 'flight', options, seed), folder / 'out', smooth=True,
+            settings=[f'star_tracker.gyro_noise_deg_sqrt_h={gyro_noise}'])
     sums = [np.sum([getattr(record, kind) for record in records], axis=0)
             for kind in ('accuracy', 'smoothed')]
     (tracked, tracked_nees), (smoothed, smoothed_nees) = (

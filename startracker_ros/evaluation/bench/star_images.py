@@ -36,7 +36,11 @@ def flux_e(snr: float) -> float:
     SNR is the total flux over its error within the 4 pi sigma^2 pixels of a matched filter on
     a Gaussian star: F / sqrt(F + 4 pi sigma^2 (sky + read noise^2)).
     """
-    noise_e2 = 4 * np.pi * PSF_SIGMA_PX ** 2 * (SKY_E + READ_NOISE_E ** 2)
+    return flux_above(snr, 4 * np.pi * PSF_SIGMA_PX ** 2 * (SKY_E + READ_NOISE_E ** 2))
+
+
+def flux_above(snr: float, noise_e2: float) -> float:
+    """Return the electrons F for which F / sqrt(F + noise_e2) is an SNR."""
     return float(snr ** 2 + np.sqrt(snr ** 4 + 4 * snr ** 2 * noise_e2)) / 2
 
 

@@ -8,18 +8,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion, unit_from_radec
+from startracker_ros.evaluation.bench.reprocess import flight_bag, processed
 from startracker_ros.io.table import Result
-from startracker_ros.sim.flights.bags import write_bag
 from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.sim.flights.truth import Truth
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
-from startracker_ros.tools.reprocess.parameters import parameter_sets
-from startracker_ros.tools.reprocess.plan import find_bags, plan_bag, SegmentOptions
+from startracker_ros.tools.reprocess.plan import SegmentOptions
 from startracker_ros.tools.reprocess.tables import read_table
 from startracker_ros.tools.reprocess.tracklet_joining import tracklet_rows
-from startracker_ros.tools.reprocess.work import Outputs, process
 
 FOUND, FALSE_PER_1000 = 0.95, 1.0
 LEAST_SEEN = 8
@@ -35,12 +33,8 @@ def run_tracklet_bench(*, trials: int, seed: int) -> Result:
                             object_snr=7.0, hot_pixels=5)
     with TemporaryDirectory() as name:
         folder = Path(name)
-        write_bag(folder, options, seed, 0)
-        bag, = find_bags([name])
-        parameters, = parameter_sets((), ())[0]
-        for segment in plan_bag(bag, 'flight', '', SegmentOptions()).segments:
-            process(segment, parameters.options, '', Outputs(
-                folder / 'out', frozenset(), smooth=False))
+        processed(flight_bag(folder / 'flight', options, seed), folder / 'out',
+                  segment_s=SegmentOptions().segment_s)
         table = tracklet_rows(read_table(folder / 'out' / 'tables', 'tracklets', 'head_1',
                                          list(TRACKLET_DTYPE.names or ())))
         hot = read_table(folder / 'out' / 'tables', 'hot_pixels', 'head_1', ['stamp_ns', 'u', 'v'])
@@ -71,9 +65,8 @@ def _result(truth: Truth, trials: int, seed: int, table: np.ndarray,
     hot_found = set(zip(hot['u'].tolist(), hot['v'].tolist()))
     return Result('bench tracklets', [
         Row(f'objects of SNR 7 in {LEAST_SEEN} frames or more', int(wanted.sum()), 'objects'),
-        Row('found', share, '1', f'>= {FOUND:g}', share >= FOUND),
-        Row('false tracklets', 1000 * false / trials, '/1000 frames', f'<= {FALSE_PER_1000:g}',
-            false <= FALSE_PER_1000 * trials / 1000),
+        Row('found', share, '1', least=FOUND),
+        Row('false tracklets', 1000 * false / trials, '/1000 frames', most=FALSE_PER_1000),
         Row('tracklets for each object found',
             (len(np.unique(table['tracklet'])) - false) / max(1, int(covered.sum())), '1'),
         Row('NEES of a direction, 2 when true', float(np.mean(nees)) if nees else np.nan, '1'),

@@ -82,7 +82,7 @@ def _step_rows(flight: '_Flight', number: int, kind: str, size: float, unit: str
     share = found / trials
     return [
         Row(f'{kind} step of {size:g} {unit}: found and dated within an orbit', share, '1',
-            f'>= {LEAST_FOUND:g}', share >= LEAST_FOUND),
+            least=LEAST_FOUND),
         Row(f'{kind}: other steps', other, 'steps', '0', other == 0),
         Row(f'{kind}: date, largest error', max(late_s) / 60, 'min'),
         Row(f'{kind}: size, rms error', float(np.sqrt(np.mean(np.square(errors)))), unit),
@@ -100,7 +100,7 @@ def _clean_rows(flight: '_Flight', seed: int) -> list[Row]:
     page_mb = len(trend_page('ten months', searches, rows, (), (), ()).encode()) / 1e6
     return [Row(f'{CLEAN_DAYS:g} days without a step: steps', steps, 'steps', '0', steps == 0),
             Row(f'page of {CLEAN_DAYS * 86400 * 2 / 1e6:.0f} million frames', page_mb, 'MB',
-                f'<= {PAGE_MB:g}', page_mb <= PAGE_MB)]
+                most=PAGE_MB)]
 
 
 class _Flight:

@@ -19,7 +19,7 @@ from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.evaluation.campaign.extended_grid_frames import (
     BIN_DEG, camera, CATALOG_LIMIT, CATALOG_SIGMA_MAG, CATALOG_SIGMA_PX, Condition, DRIFT_DEG_H,
     frames, gyro_drift_px, METHODS, RANDOM_DEG_H, RATE_DEG_S, Tally)
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import judged, PaperRow, trials_for_percent
@@ -55,7 +55,7 @@ def run_extended_grid_campaign(*, trials: int, seed: int, scheduler: str = '',
     """Run every condition; with an output folder the figures of the paper are drawn there."""
     done = parallel_trials(frames, [(condition,) for condition in CONDITIONS], trials,
                            _PART_TRIALS, seed, title='extended grid', scheduler=scheduler)
-    tally = {condition: concatenated(parts) for condition, parts in zip(CONDITIONS, done)}
+    tally = dict(zip(CONDITIONS, done))
     if output is not None:
         draw_figures(tally, output)
     pixel_arcsec = camera(BASE.field_deg).pixel_rad / ARCSEC

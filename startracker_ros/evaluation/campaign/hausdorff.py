@@ -9,19 +9,31 @@ Zahednamazi, Toloei, Ghasemi 2023: 200 directions at each of four magnitude limi
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import cache
+from itertools import chain, combinations
 from pathlib import Path
 
 import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import build_onboard_catalog, onboard_catalog
+from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.synthetic_field import star_list, synthetic_field
 from startracker_ros.core.extras import new_figure
-from startracker_ros.evaluation.campaign.hausdorff_frames import (
-    builds, directions, five_star_frames, FRAMES, Outcomes, SLOW_CAMERA, SLOW_CELL, SlowPeer,
-    stored_sets)
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.core.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
+from startracker_ros.core.identify.identification import (
+    Candidates, FieldStars, IdentificationOptions)
+from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.identify.pairs import build_pairs
+from startracker_ros.core.identify.pyramid import PyramidIdentifier
+from startracker_ros.core.maths.rotation import (
+    angle_between, quaternion_from_pointing, radec_from_unit, random_attitude, rotate)
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
-from startracker_ros.tools.figures.correctness import CORRECT_TEXT
+from startracker_ros.tools.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.tools.figures.rows import Check, combined, judged, PaperRow
+from startracker_ros.tools.figures.timing import cpu_timed
 
 # Directions of each cell of the paper.
 _PUBLISHED_TRIALS = 200
@@ -32,6 +44,250 @@ _LEAST_TRIALS = 200
 # Limits of figures 10 and 11 beside those of the tables.
 _FAINTLESS = 4.0, 4.5
 _SLOW_FRAMES = 20
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+EPOCH_YEAR = 2000.0
+# All stars of an image: any of them may be the one at the centre.
+_IMAGE_STARS = 100
+_WARM_UP = 3
+_FIVE_STAR_TOLERANCE_RAD = 1e-5
+
+METHODS = 'as published', 'verified', 'pyramid'
+"""The set at the nearest distance; the method of the node; the Pyramid on the same frames."""
+
+SLOW_CELL = 4.0
+"""The magnitude limit of figure 12, in the field of the five-star structures."""
+SLOW_CAMERA = Camera.from_fov(512, 512, 20.0)
+
+STARS = 5  # of a structure
+_SIDES = np.array(list(combinations(range(STARS), 2)))
+_CHUNK = 20_000
+
+
+@dataclass(frozen=True)
+class Frames:
+    """
+    Conditions of frames: Gaussian noise per axis and of the magnitudes, and where they look.
+
+    at_pivot puts a pivot of the database at the centre of the field, as in the paper: a random
+    star, or the node next to a random direction.
+    """
+
+    sigma_px: float
+    sigma_mag: float
+    at_pivot: bool
+
+
+FRAMES = {
+    'no noise, at pivots': Frames(0.0, 0.0, True),
+    '0.0005 px, at pivots': Frames(0.0005, 0.0, True),
+    '0.1 px, at pivots': Frames(0.1, 0.1, True),
+    '0.1 px, anywhere': Frames(0.1, 0.1, False),
+}
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """Results of F directions; stars (F,) counts those in the image, the rest (F, M) METHODS."""
+
+    stars: np.ndarray
+    solved: np.ndarray
+    correct: np.ndarray
+    time_ms: np.ndarray
+
+    def shares(self, method: str) -> tuple[float, float, float]:
+        """Return the shares of none, correct and wrong in %."""
+        column = METHODS.index(method)
+        solved, correct = self.solved[:, column], self.correct[:, column]
+        none, right = 100 * float(np.mean(~solved)), 100 * float(np.mean(correct))
+        return none, right, 100 * float(np.mean(solved & ~correct))
+
+    def mean_ms(self, method: str) -> float:
+        """Return the mean time of a direction."""
+        return float(self.time_ms[:, METHODS.index(method)].mean())
+
+
+@cache
+def _identifier(method: str, magnitude_limit: float) -> HausdorffIdentifier:
+    identifier = make_identifier(CAMERA, EPOCH_YEAR, _options(f'hausdorff_{method}',
+                                                              magnitude_limit))
+    assert isinstance(identifier, HausdorffIdentifier)
+    return identifier
+
+
+def _options(method: str, magnitude_limit: float) -> IdentificationOptions:
+    return IdentificationOptions(method=method, magnitude_limit=magnitude_limit,
+                                 max_image_stars=_IMAGE_STARS)
+
+
+@cache
+def _pyramid(camera: Camera, magnitude_limit: float) -> PyramidIdentifier:
+    return PyramidIdentifier(camera, EPOCH_YEAR, _options('pyramid', magnitude_limit))
+
+
+def directions(method: str, magnitude_limit: float, name: str, count: int,
+               seed: int) -> Outcomes:
+    """Return the outcomes of count random directions under the named conditions."""
+    identifier, pyramid = _identifier(method, magnitude_limit), _pyramid(CAMERA, magnitude_limit)
+    warm, rng = np.random.default_rng(0), np.random.default_rng(seed)
+    for _ in range(_WARM_UP):
+        _direction(identifier, pyramid, FRAMES[name], warm)
+    rows = [_direction(identifier, pyramid, FRAMES[name], rng) for _ in range(count)]
+    return Outcomes(*(np.array(column) for column in zip(*rows)))
+
+
+def _direction(identifier: HausdorffIdentifier, pyramid: PyramidIdentifier, frames: Frames,
+               rng: np.random.Generator) -> tuple:
+    """Return one row of Outcomes."""
+    q = _attitude(identifier.pivots, rng) if frames.at_pivot else random_attitude(rng)
+    centroids, hip = star_list(identifier.onboard, identifier.camera, q, frames.sigma_px, rng,
+                               magnitude_sigma=frames.sigma_mag)
+    cpu_s, (field, found) = cpu_timed(_nearest_set, identifier, centroids)
+    solved = [found is not None]
+    correct = [found is not None and np.array_equal(
+        hip[field.index[found.base]], identifier.onboard.hip[found.stars[0]])]
+    times_s = [cpu_s]
+    for other in (identifier, pyramid):
+        cpu_s, identified = cpu_timed(other.identify, centroids)
+        attitude = identified.attitude
+        solved.append(attitude is not None)
+        correct.append(attitude is not None and is_correct(attitude.quaternion, q))
+        times_s.append(cpu_s)
+    return len(hip), solved, correct, [1e3 * time_s for time_s in times_s]
+
+
+def _nearest_set(identifier: HausdorffIdentifier, centroids: Centroids
+                 ) -> tuple[FieldStars, Candidates | None]:
+    """Return the stars of the field and the set at the nearest distance, as in the paper."""
+    field = identifier.field_stars(centroids)
+    return field, identifier.nearest(field)
+
+
+def _attitude(pivots: Pivots, rng: np.random.Generator) -> np.ndarray:
+    """Return a quaternion with a pivot of the sky at the centre of the field, at any roll."""
+    if pivots.star is None:
+        index = np.argmax(pivots.direction @ rotate(random_attitude(rng), [0.0, 0.0, 1.0]))
+    else:
+        index = rng.integers(len(pivots.star))
+    ra_rad, dec_rad = map(float, radec_from_unit(pivots.direction[index]))
+    return quaternion_from_pointing(ra_rad, dec_rad, rng.uniform(0, 2 * np.pi))
+
+
+def stored_sets(method: str, magnitude_limit: float) -> int:
+    """Return the number of sets of the catalogue with unmerged doubles."""
+    stars = build_onboard_catalog(load_catalog(), CATALOG_EPOCH_YEAR, merge_rad=0.0, crowd_rad=0.0,
+                                  magnitude_limit=magnitude_limit)
+    identifier = _identifier(method, magnitude_limit)
+    return len(bright_sets(stars.direction, identifier.sky_pivots(stars),
+                           identifier.radius_rad).feature)
+
+
+def builds(magnitude_limit: float) -> dict[str, float]:
+    """Return the process CPU time in s of building each database of the stars to a limit."""
+    onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, magnitude_limit)
+    times_s = {'pyramid': cpu_timed(build_pairs, onboard, 0.0, 2 * CAMERA.corner_angle_rad)[0]}
+    for method in ('pivot', 'segment'):
+        identifier = _identifier(method, magnitude_limit)
+        times_s[method] = cpu_timed(bright_sets, onboard.direction,
+                                    identifier.sky_pivots(onboard), identifier.radius_rad)[0]
+        times_s[f'{method}, verified'] = cpu_timed(
+            type(identifier), CAMERA, EPOCH_YEAR, identifier.options)[0]
+    return times_s
+
+
+class FiveStarStructures:
+    """
+    All sets of five catalogue stars closer than an angle, brightest first: the slow peer.
+
+    Toloei, Zahednamazi, Ghasemi and Mohammadi (2020) compare three such geometric structures;
+    their shapes are not printed in the paper repeated here. This is the plainest of the family
+    that Zahednamazi and Toloei describe (Int. J. Eng. Trans. A 31, 2018: four or five stars,
+    V <= 4, a field of 20 x 20 deg): every set of five catalogue stars that one image can hold,
+    with all its ten sides, all of them compared, without an index.
+
+    star (S, 5) are indices into the stars, side (S, 10) the angles in rad between each two.
+    """
+
+    def __init__(self, direction: np.ndarray, diameter_rad: float) -> None:
+        """Build the sets of stars (N, 3), brightest first, closer than diameter_rad."""
+        near = direction @ direction.T >= np.cos(diameter_rad)
+        later = np.arange(len(direction))
+        star = later[:, None]
+        for _ in range(STARS - 1):
+            parts = []
+            for begin in range(0, len(star), _CHUNK):
+                rows = star[begin:begin + _CHUNK]
+                fits = near[rows].all(1) & (later > rows[:, -1:])
+                row, added = np.nonzero(fits)
+                parts.append(np.column_stack([rows[row], added]).astype(np.int16))
+            star = np.concatenate(parts)
+        self.star = star
+        self.side = np.concatenate([_sides(direction[star[begin:begin + _CHUNK]])
+                                    for begin in range(0, len(star), _CHUNK)]).astype(np.float32)
+
+    def identify(self, direction: np.ndarray, tolerance_rad: float) -> np.ndarray | None:
+        """
+        Return the stars (5,) of the five brightest of an image (N, 3), None if not exactly one.
+
+        Every side has to agree within tolerance_rad with the one of the same rank.
+        """
+        if len(direction) < STARS:
+            return None
+        seen = _sides(direction[None, :STARS])[0]
+        found = np.flatnonzero((np.abs(self.side - seen) <= tolerance_rad).all(1))
+        return self.star[found[0]].astype(int) if len(found) == 1 else None
+
+
+def _sides(corner: np.ndarray) -> np.ndarray:
+    """Return the sides (S, 10) in rad of sets (S, 5, 3)."""
+    return angle_between(corner[:, _SIDES[:, 0]], corner[:, _SIDES[:, 1]])
+
+
+@dataclass(frozen=True)
+class SlowPeer:
+    """Mean times in ms, times to build in s and shares of fields solved in %, by method."""
+
+    time_ms: dict[str, float]
+    build_s: dict[str, float]
+    solved: dict[str, float]
+
+
+def five_star_frames(count: int, seed: int) -> SlowPeer:
+    """Return figures of count fields of five bright stars or more, a star at their centres."""
+    identifier = make_identifier(SLOW_CAMERA, EPOCH_YEAR, _options('hausdorff_pivot', SLOW_CELL))
+    assert isinstance(identifier, HausdorffIdentifier)
+    onboard, pyramid = identifier.onboard, _pyramid(SLOW_CAMERA, SLOW_CELL)
+    diameter_rad = 2 * SLOW_CAMERA.corner_angle_rad
+    build_s, structures = cpu_timed(FiveStarStructures, onboard.direction, diameter_rad)
+    for other in (identifier, pyramid):
+        other.warm_up()
+    _nearest_set(identifier, synthetic_field(onboard, SLOW_CAMERA)[0])
+    rng = np.random.default_rng(seed)
+    times: dict[str, list[float]] = {'five stars': [], 'pivot': [], 'pyramid': []}
+    solved: dict[str, list[bool]] = {name: [] for name in times}
+    while len(times['pivot']) < count:
+        centroids, hip = star_list(onboard, SLOW_CAMERA, _attitude(identifier.pivots, rng), 0.0,
+                                   rng, magnitude_sigma=0.0)
+        if len(hip) < identifier.min_stars:
+            continue
+        direction = SLOW_CAMERA.unproject(centroids.uv)
+        cpu_s, star = cpu_timed(structures.identify, direction, _FIVE_STAR_TOLERANCE_RAD)
+        times['five stars'].append(cpu_s)
+        solved['five stars'].append(star is not None and np.array_equal(
+            onboard.hip[star], hip[:len(star)]))
+        cpu_s, (field, found) = cpu_timed(_nearest_set, identifier, centroids)
+        times['pivot'].append(cpu_s)
+        solved['pivot'].append(found is not None and np.array_equal(
+            hip[field.index[found.base]], onboard.hip[found.stars[0]]))
+        cpu_s, result = cpu_timed(pyramid.identify, centroids)
+        times['pyramid'].append(cpu_s)
+        solved['pyramid'].append(result.attitude is not None)
+    return SlowPeer({name: 1e3 * float(np.mean(values)) for name, values in times.items()},
+                    {'five stars': build_s,
+                     'pivot': cpu_timed(bright_sets, onboard.direction, identifier.pivots,
+                                        identifier.radius_rad)[0],
+                     'pyramid': cpu_timed(build_pairs, onboard, 0.0, diameter_rad)[0]},
+                    {name: 100 * float(np.mean(values)) for name, values in solved.items()})
 
 
 @dataclass(frozen=True)
@@ -164,9 +420,8 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
     """
     every = [(*cell, name) for cell in cells for name in FRAMES]
     every += [(method, limit, _EXACT) for method in ('pivot', 'segment') for limit in _FAINTLESS]
-    done = dict(zip(every, (concatenated(parts) for parts in parallel_trials(
-        directions, every, trials, _PART_TRIALS, seed, title='directions',
-        scheduler=scheduler))))
+    done = dict(zip(every, parallel_trials(directions, every, trials, _PART_TRIALS, seed,
+                                           title='directions', scheduler=scheduler)))
     found = {cell: {name: done[(*cell, name)] for name in FRAMES} for cell in cells}
     slow = five_star_frames(min(trials, _SLOW_FRAMES), seed)
     rows = [*chain.from_iterable(_cell(*cell, found[cell]) for cell in cells),

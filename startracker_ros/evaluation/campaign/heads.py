@@ -3,6 +3,7 @@
 
 """Several heads fused: accuracy beside its bounds, consistency, mounts, faults."""
 
+from collections.abc import Callable, Sequence
 import time
 
 import numpy as np
@@ -19,7 +20,7 @@ from startracker_ros.evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
 from startracker_ros.evaluation.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
-from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
+from startracker_ros.evaluation.campaign.parallel import Trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import (
     count_wrong, nees_of, WRONG_SHARE, WRONG_TEXT, WrongCount)
@@ -36,9 +37,13 @@ _PIECE = 5
 _LONG_RUNS = 25  # short runs for each long one
 
 
-def _run(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, AttitudeFusion, list]:
+def _begun(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, AttitudeFusion]:
     run = SceneRun(scene, np.random.default_rng(seed))
-    fusion = AttitudeFusion(run.mount_file(), FusionOptions(), options, GyroErrorOptions())
+    return run, AttitudeFusion(run.mount_file(), FusionOptions(), options, GyroErrorOptions())
+
+
+def _run(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, AttitudeFusion, list]:
+    run, fusion = _begun(scene, options, seed)
     return run, fusion, list(run.events(fusion))
 
 
@@ -48,7 +53,7 @@ def _wrong(errors: np.ndarray, covariances: np.ndarray) -> WrongCount:
 
 
 def _wrong_rows(case: str, wrong: float, gross: float) -> list[Row]:
-    return [Row(f'{case}: {kind} attitudes', count, 'frames', '= 0', count == 0)
+    return [Row(f'{case}: {kind} attitudes', count, 'frames', exactly=0)
             for kind, count in (('wrong', wrong), ('gross', gross))]
 
 
@@ -56,24 +61,21 @@ def _seconds(heads: int) -> float:
     return FRAMES / heads * _HEAD_FRAMES_S
 
 
-def two_heads(runs: int, seed: int) -> np.ndarray:
+def two_heads(seed: int) -> np.ndarray:
     """
-    Return rms error over posterior bound (3,), and rms error in arcsec (3,), of each run.
+    Return rms error over posterior bound (3,), and rms error in arcsec (3,).
 
     The body turns at a constant rate but for the acceleration of the process noise; without gyro.
     """
     scene = Scene(_seconds(2), heads=2, gyro=False, wobble_deg_s=0.0, synchronous=True,
                   acceleration_deg_s2=FusionOptions().acceleration_deg_s2)
-    rows = []
-    for index in range(runs):
-        run, _, outcomes = _run(scene, _KNOWN, seed + index)
-        errors, _ = errors_of(outcomes)
-        # Both heads have frames at one stamp: the second attitude has both.
-        stamps = np.array([one.fused.stamp_ns for one in outcomes])
-        last = np.append(stamps[1:] != stamps[:-1], True)
-        rms = np.sqrt(np.mean(np.square(errors[last][_SETTLED:]), axis=0))
-        rows.append(np.concatenate([rms / _posterior_bound(run), rms / ARCSEC]))
-    return np.array(rows)
+    run, _, outcomes = _run(scene, _KNOWN, seed)
+    errors, _ = errors_of(outcomes)
+    # Both heads have frames at one stamp: the second attitude has both.
+    stamps = np.array([one.fused.stamp_ns for one in outcomes])
+    last = np.append(stamps[1:] != stamps[:-1], True)
+    rms = np.sqrt(np.mean(np.square(errors[last][_SETTLED:]), axis=0))
+    return np.concatenate([rms / _posterior_bound(run), rms / ARCSEC])
 
 
 def _posterior_bound(run: SceneRun) -> np.ndarray:
@@ -126,27 +128,22 @@ def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray
     return 2 * state.quaternion[:3]
 
 
-def dropping(runs: int, seed: int) -> np.ndarray:
+def dropping(seed: int) -> list[float]:
     """
-    Return sum of NEES, fused frames, wrong and gross ones, processor time in us of each run.
+    Return sum of NEES, fused frames, wrong and gross ones, processor time in us.
 
     Three heads at other times and with other delays, the second always out of order.
     """
     scene = Scene(_seconds(3), drop_s=15.0, delays_s=(0.0, 0.12, 0.03))
-    rows = []
-    for index in range(runs):
-        _, _, outcomes = _run(scene, _KNOWN, seed + index)
-        errors, covariances = errors_of(outcomes)
-        rows.append([nees_of(errors, covariances).sum(), len(errors),
-                     *_wrong(errors, covariances),
-                     _frame_cpu_us(Scene(20.0, delays_s=scene.delays_s), seed)])
-    return np.array(rows)
+    _, _, outcomes = _run(scene, _KNOWN, seed)
+    errors, covariances = errors_of(outcomes)
+    return [nees_of(errors, covariances).sum(), len(errors), *_wrong(errors, covariances),
+            _frame_cpu_us(Scene(20.0, delays_s=scene.delays_s), seed)]
 
 
 def _frame_cpu_us(scene: Scene, seed: int) -> float:
     """Return the processor time of the fusion for a frame, with the rates that come with it."""
-    run = SceneRun(scene, np.random.default_rng(seed))
-    fusion = AttitudeFusion(run.mount_file(), FusionOptions(), _LEARNT, GyroErrorOptions())
+    run, fusion = _begun(scene, _LEARNT, seed)
     inputs = [(head, run.stamp_ns(tick), value) for head, tick, value in run.inputs()]
     begin_s = time.process_time()
     for head, stamp_ns, value in inputs:
@@ -158,100 +155,92 @@ def _frame_cpu_us(scene: Scene, seed: int) -> float:
     return (time.process_time() - begin_s) / frames * 1e6
 
 
-def faults(fault: str, runs: int, seed: int) -> np.ndarray:
-    """Return fused, wrong and gross frames and those until the exclusion, of each run."""
-    rows = []
-    for index in range(runs):
-        begin_s = 30.0 if fault == 'jump of 1 deg' else 0.0
-        run, _, outcomes = _run(
-            Scene(_seconds(3), fault=fault, fault_s=begin_s), _LEARNT, seed + index)
-        errors, covariances = errors_of(outcomes)
-        after = run.excluded_after
-        rows.append([len(errors), *_wrong(errors, covariances),
-                     np.inf if after is None else after])
-    return np.array(rows)
+def faults(fault: str, seed: int) -> list[float]:
+    """Return fused, wrong and gross frames and those until the exclusion."""
+    begin_s = 30.0 if fault == 'jump of 1 deg' else 0.0
+    run, _, outcomes = _run(Scene(_seconds(3), fault=fault, fault_s=begin_s), _LEARNT, seed)
+    errors, covariances = errors_of(outcomes)
+    after = run.excluded_after
+    return [len(errors), *_wrong(errors, covariances), np.inf if after is None else after]
 
 
-def understated(heads: str, runs: int, seed: int) -> np.ndarray:
+def understated(heads: str, seed: int) -> list[float]:
     """
-    Return the figures of each run with one head or two alike.
+    Return the figures of a run with one head or two alike.
 
     Mean NEES, wrong and gross frames, all after _SETTLED; wrong frames before, least found scale,
     heads named, heads named falsely; frames after _SETTLED.
     """
-    rows = []
-    for index in range(runs):
-        run, fusion, outcomes = _run(
-            Scene(_seconds(3), fault=UNDERSTATED, faulty_heads=_UNDERSTATED_HEADS[heads]), _KNOWN,
-            seed + index)
-        errors, covariances = errors_of(outcomes)
-        before, after = slice(0, _SETTLED), slice(_SETTLED, None)
-        faulty = [NAMES[head] for head in run.all_faulty]
-        named = {name for name, head in fusion.heads.items() if head.noise.stands_out}
-        rows.append([nees_of(errors[after], covariances[after]).mean(),
-                     *_wrong(errors[after], covariances[after]),
-                     _wrong(errors[before], covariances[before]).wrong,
-                     min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
-                     len(named & {*faulty}), len(named - {*faulty}), len(errors[after])])
-    return np.array(rows)
+    run, fusion, outcomes = _run(
+        Scene(_seconds(3), fault=UNDERSTATED, faulty_heads=_UNDERSTATED_HEADS[heads]), _KNOWN,
+        seed)
+    errors, covariances = errors_of(outcomes)
+    before, after = slice(0, _SETTLED), slice(_SETTLED, None)
+    faulty = [NAMES[head] for head in run.all_faulty]
+    named = {name for name, head in fusion.heads.items() if head.noise.stands_out}
+    return [nees_of(errors[after], covariances[after]).mean(),
+            *_wrong(errors[after], covariances[after]),
+            _wrong(errors[before], covariances[before]).wrong,
+            min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
+            len(named & {*faulty}), len(named - {*faulty}), len(errors[after])]
 
 
-def bending(law: str, runs: int, seed: int) -> np.ndarray:
-    """Return rms of the misalignments in arcsec, before and after learning, of each run."""
-    rows = []
-    for index in range(runs):
-        scene = Scene(4 * 5700.0, period_s=1.0, bend_arcsec=6.4 * (law == 'orbit'),
-                      temperature_arcsec_k=1.0 * (law == 'temperature'))
-        options = MountOptions(
-            mount_sigma_arcsec=3.0, mount_orbit_arcsec=6.0 * (law == 'orbit'),
-            mount_temperature_arcsec_k=1.0 * (law == 'temperature'),
-            mount_walk_arcsec_sqrt_h=0.1, orbit_period_s=5700.0)
-        run = SceneRun(scene, np.random.default_rng(seed + index))
-        fusion = AttitudeFusion(run.mount_file(), FusionOptions(), options, GyroErrorOptions())
-        before, after = [], []
-        for frame, one in enumerate(run.events(fusion)):
-            if one.fused.stamp_ns > run.stamp_ns(0) + 3 * 5700e9 and not frame % 10:
-                found = np.array([fusion.mounts.misalignment(name, one.fused.stamp_ns)[0]
-                                  for name in NAMES])
-                before.append(np.sum(one.misalignment[1:] ** 2, axis=1))
-                after.append(np.sum((found - one.misalignment)[1:] ** 2, axis=1))
-        rows.append([np.sqrt(np.mean(before)) / ARCSEC, np.sqrt(np.mean(after)) / ARCSEC])
-    return np.array(rows)
+def bending(law: str, seed: int) -> list[float]:
+    """Return rms of the misalignments in arcsec, before and after learning."""
+    scene = Scene(4 * 5700.0, period_s=1.0, bend_arcsec=6.4 * (law == 'orbit'),
+                  temperature_arcsec_k=1.0 * (law == 'temperature'))
+    run, fusion = _begun(scene, MountOptions(
+        mount_sigma_arcsec=3.0, mount_orbit_arcsec=6.0 * (law == 'orbit'),
+        mount_temperature_arcsec_k=1.0 * (law == 'temperature'),
+        mount_walk_arcsec_sqrt_h=0.1, orbit_period_s=5700.0), seed)
+    before, after = [], []
+    for frame, one in enumerate(run.events(fusion)):
+        if one.fused.stamp_ns > run.stamp_ns(0) + 3 * 5700e9 and not frame % 10:
+            found = np.array([fusion.mounts.misalignment(name, one.fused.stamp_ns)[0]
+                              for name in NAMES])
+            before.append(np.sum(one.misalignment[1:] ** 2, axis=1))
+            after.append(np.sum((found - one.misalignment)[1:] ** 2, axis=1))
+    return [np.sqrt(np.mean(before)) / ARCSEC, np.sqrt(np.mean(after)) / ARCSEC]
 
 
-def steps(runs: int, seed: int) -> np.ndarray:
-    """Return s until a step is found, error of its date in s and of its size in arcsec."""
-    rows = []
-    for index in range(runs):
-        scene = Scene(2400.0, period_s=0.4, step_arcsec=5.0, step_s=1201.0)
-        run = SceneRun(scene, np.random.default_rng(seed + index))
-        fusion = AttitudeFusion(run.mount_file(), FusionOptions(), _LEARNT, GyroErrorOptions())
-        row = [np.inf, np.inf, np.inf, 0.0]
-        for one in run.events(fusion):
-            for step in fusion.steps:
-                found_s = (one.fused.stamp_ns - run.stamp_ns(0)) * 1e-9 - scene.step_s
-                if found_s < 0 or step.head != NAMES[-1] or np.isfinite(row[0]):
-                    row[3] += 1
-                    continue
-                date_s = (step.stamp_ns - run.stamp_ns(0)) * 1e-9 - scene.step_s
-                size = np.linalg.norm(step.size_rad / ARCSEC - run.step)
-                row[:3] = [found_s, abs(date_s), float(size)]
-            fusion.steps.clear()
-        rows.append(row)
-    return np.array(rows)
+def steps(seed: int) -> list[float]:
+    """
+    Return s until a step is found, error of its date in s and of its size in arcsec.
+
+    Then the number of steps found that are none.
+    """
+    scene = Scene(2400.0, period_s=0.4, step_arcsec=5.0, step_s=1201.0)
+    run, fusion = _begun(scene, _LEARNT, seed)
+    row = [np.inf, np.inf, np.inf, 0.0]
+    for one in run.events(fusion):
+        for step in fusion.steps:
+            found_s = (one.fused.stamp_ns - run.stamp_ns(0)) * 1e-9 - scene.step_s
+            if found_s < 0 or step.head != NAMES[-1] or np.isfinite(row[0]):
+                row[3] += 1
+                continue
+            date_s = (step.stamp_ns - run.stamp_ns(0)) * 1e-9 - scene.step_s
+            size = np.linalg.norm(step.size_rad / ARCSEC - run.step)
+            row[:3] = [found_s, abs(date_s), float(size)]
+        fusion.steps.clear()
+    return row
 
 
-_TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping,
-          'steps': steps, 'hint': hint_runs}
-_TASKS_OF_CASES = {'faults': faults, 'understated': understated, 'bending': bending,
-                   'tracker': tracker_runs}
+_RUNS: dict[str, Callable[..., Sequence[float] | np.ndarray]] = {
+    'two heads': two_heads, 'dropping': dropping, 'faults': faults, 'understated': understated,
+    'bending': bending, 'steps': steps}
+"""One run each, of a case where the task has several, by its seed."""
+
+_PARTS: dict[str, Callable[..., np.ndarray]] = {
+    'snapshots': snapshots, 'hint': hint_runs, 'tracker': tracker_runs}
+"""So many runs of one random generator."""
 
 
 def heads_runs(task: str, case: str, runs: int, seed: int) -> np.ndarray:
     """Return the figures of so many runs of one task."""
-    if task in _TASKS_OF_CASES:
-        return _TASKS_OF_CASES[task](case, runs, seed)
-    return _TASKS[task](runs, seed)
+    of_case = [case] if case else []
+    if task in _PARTS:
+        return _PARTS[task](*of_case, runs, seed)
+    return np.array([_RUNS[task](*of_case, seed + index) for index in range(runs)])
 
 
 def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
@@ -264,14 +253,12 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
              ('steps', '', long_runs), ('hint', '', long_runs),
              *(('tracker', condition, long_runs) for condition in TRACKER_CONDITIONS)]
-    parts = [(task, case, *part) for task, case, runs in cases if not only or task in only
-             for part in split_trials(runs, _PIECE, seed)]
-    figures: dict[tuple[str, str], list[np.ndarray]] = {}
-    for (task, case, _, _), rows in zip(parts, parallel_map(
-            heads_runs, parts, title='heads', scheduler=scheduler)):
-        figures.setdefault((task, case), []).append(rows)
-    all_rows = [row for (task, case), rows in figures.items()
-                for row in _ROWS[task](case, np.concatenate(rows))]
+    cases = [case for case in cases if not only or case[0] in only]
+    figures = Trials()
+    for task, case, runs in cases:
+        figures.add(heads_runs, (task, case), runs, _PIECE, seed)
+    all_rows = [row for (task, case, _), rows in zip(cases, figures.run(
+        title='heads', scheduler=scheduler)) for row in _ROWS[task](case, rows)]
     return Result('campaign heads', all_rows, {
         'heads': 'boresights 90 deg apart, 5 Hz at other times, errors of frame_attitude: '
                  + ' '.join(f'{sigma:g}' for sigma in SIGMA_ARCSEC) + ' arcsec about x, y, z',
@@ -288,25 +275,24 @@ def _rows_two_heads(case: str, rows: np.ndarray) -> list[Row]:
     # The boresight of the first head is the z axis of the body.
     cross = np.sqrt(np.mean(np.square(rms[:2])))
     return [Row('two heads 90 deg apart: roll over cross error of the first', rms[2] / cross, '',
-                '<= 1.3', rms[2] / cross <= 1.3),
-            *(Row(f'constant rate, {axis}: rms over posterior bound', value, '', '<= 1.1',
-                  value <= 1.1) for axis, value in zip('xyz', ratio))]
+                most=1.3),
+            *(Row(f'constant rate, {axis}: rms over posterior bound', value, '',
+                  most=1.1) for axis, value in zip('xyz', ratio))]
 
 
 def _rows_snapshots(case: str, rows: np.ndarray) -> list[Row]:
     ratio = np.sqrt(np.mean(rows, axis=0))
     return [Row(f'one frame of two heads, {axis}: rms over Cramer-Rao bound', value, '',
-                '<= 1.05', value <= 1.05) for axis, value in zip('xyz', ratio)]
+                most=1.05) for axis, value in zip('xyz', ratio)]
 
 
 def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows[:, :4].sum(axis=0)
     cpu_us = float(np.median(rows[:, 4]))
-    return [Row('heads drop in and out: mean NEES', nees / frames, '', '2.7 .. 3.3',
-                2.7 <= nees / frames <= 3.3),
+    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=2.7, most=3.3),
             Row('heads drop in and out: fused frames', frames, 'frames'),
             *_wrong_rows('heads drop in and out', wrong, gross),
-            Row('processor time of a frame', cpu_us, 'us', '<= 300', cpu_us <= 300)]
+            Row('processor time of a frame', cpu_us, 'us', most=300)]
 
 
 def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
@@ -314,7 +300,7 @@ def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
     after = float(rows[:, 3].max())
     return [Row(f'{case}: fused frames', frames, 'frames'),
             *_wrong_rows(case, wrong, gross),
-            Row(f'{case}: excluded after, at most', after, 'frames', '<= 10', after <= 10)]
+            Row(f'{case}: excluded after, at most', after, 'frames', most=10)]
 
 
 def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
@@ -323,27 +309,26 @@ def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
     return [Row(f'{name}: mean NEES', rows[:, 0].mean(), ''),
             Row(f'{name}, once found: wrong attitudes', wrong, 'frames',
                 f'<= {WRONG_SHARE:g} of the frames', wrong <= WRONG_SHARE * frames),
-            Row(f'{name}, once found: gross attitudes', gross, 'frames', '= 0', gross == 0),
+            Row(f'{name}, once found: gross attitudes', gross, 'frames', exactly=0),
             Row(f'{name}: wrong attitudes in the first {_SETTLED} frames', before, 'frames'),
             Row(f'{name}: found scale of {UNDERSTATED_BY:g}', rows[:, 4].mean(), ''),
-            Row(f'{name}: heads named', named, 'heads', f'= {wanted}', named == wanted),
-            Row(f'{name}: heads named falsely', falsely, 'heads', '= 0', falsely == 0)]
+            Row(f'{name}: heads named', named, 'heads', exactly=wanted),
+            Row(f'{name}: heads named falsely', falsely, 'heads', exactly=0)]
 
 
 def _rows_bending(case: str, rows: np.ndarray) -> list[Row]:
     before, after = np.sqrt(np.mean(np.square(rows), axis=0))
     return [Row(f'bending with the {case}: without learning', before, 'arcsec'),
-            Row(f'bending with the {case}: after three orbits', after, 'arcsec', '<= 0.3',
-                after <= 0.3)]
+            Row(f'bending with the {case}: after three orbits', after, 'arcsec', most=0.3)]
 
 
 def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
     found_s, date_s, size = rows[:, :3].max(axis=0)
     false = rows[:, 3].sum()
-    return [Row('step of 5 arcsec: found after, at most', found_s, 's', '<= 600', found_s <= 600),
-            Row('step of 5 arcsec: error of its date', date_s, 's', '<= 60', date_s <= 60),
+    return [Row('step of 5 arcsec: found after, at most', found_s, 's', most=600),
+            Row('step of 5 arcsec: error of its date', date_s, 's', most=60),
             Row('step of 5 arcsec: error of its size', size, 'arcsec'),
-            Row('steps found that are none', false, 'steps', '= 0', false == 0)]
+            Row('steps found that are none', false, 'steps', exactly=0)]
 
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,

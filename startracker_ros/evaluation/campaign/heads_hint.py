@@ -75,9 +75,7 @@ def hint_rows(case: str, rows: np.ndarray) -> list[Row]:
     frames, (wrong, gross) = float(rows[:, 0].max()), rows[:, 1:3].sum(axis=0)
     spent_ms = float(np.median(rows[:, 3]))
     return [Row('re-acquisition by a hint of 1 deg: starts', len(rows), ''),
-            Row('re-acquisition by a hint of 1 deg: frames, at most', frames, 'frames', '<= 1',
-                frames <= 1),
-            *(Row(f're-acquisition by a hint of 1 deg: {kind} attitudes', count, '', '= 0',
-                  count == 0) for kind, count in (('wrong', wrong), ('gross', gross))),
-            Row('re-acquisition by a hint of 1 deg: processor time', spent_ms, 'ms', '<= 0.5',
-                spent_ms <= 0.5)]
+            Row('re-acquisition by a hint of 1 deg: frames, at most', frames, 'frames', most=1),
+            *(Row(f're-acquisition by a hint of 1 deg: {kind} attitudes', count, '',
+                  exactly=0) for kind, count in (('wrong', wrong), ('gross', gross))),
+            Row('re-acquisition by a hint of 1 deg: processor time', spent_ms, 'ms', most=0.5)]

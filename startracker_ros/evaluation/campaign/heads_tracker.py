@@ -52,12 +52,11 @@ def tracker_rows(condition: str, rows: np.ndarray) -> list[Row]:
     """Return the rows of one condition out of sums (parts, 9)."""
     measured, nees, x2, y2, z2, pairs, product, tracked_product = rows.sum(axis=0)[1:]
     if condition in ('mirrored image', 'focal length off by 1 %'):
-        return [Row(f'tracker, {condition}: frames for a fusion', measured, 'frames', '= 0',
-                    measured == 0)]
+        return [Row(f'tracker, {condition}: frames for a fusion', measured, 'frames', exactly=0)]
     correlation = product / pairs
     return [
-        Row(f'tracker, {condition}: NEES of frame_attitude', nees / measured, '', '2.7 .. 3.3',
-            2.7 <= nees / measured <= 3.3),
+        Row(f'tracker, {condition}: NEES of frame_attitude', nees / measured, '', least=2.7,
+            most=3.3),
         Row(f'tracker, {condition}: correlation of its frames in a row', correlation, '',
             '<= 0.05', abs(correlation) <= 0.05),
         Row(f'tracker, {condition}: the same of tracked_attitude', tracked_product / pairs, ''),

@@ -25,7 +25,7 @@ from startracker_ros.evaluation.campaign.integrity_motion import (
     onboard_stars, SIGMA_PX as MOTION_SIGMA_PX, star_tracker)
 from startracker_ros.evaluation.campaign.integrity_tally import (
     CAMERA, START_NS, STEP_NS, Tally, tally_of_frame)
-from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
+from startracker_ros.evaluation.campaign.parallel import Trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import WRONG_SHARE, WRONG_TEXT
 from startracker_ros.tools.figures.rows import combined
@@ -255,13 +255,12 @@ def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
 def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                            scheduler: str = '') -> Result:
     """Follow trials runs in each condition."""
-    tallies = {name: Tally() for name in only or ALL_CONDITIONS}
-    parts = [(name, *part) for name in tallies for part in split_trials(
-        trials, _PIECE, seed + 7919 * list(ALL_CONDITIONS).index(name))]
-    for (name, *_), tally in zip(parts, parallel_map(integrity_runs, parts, title='integrity',
-                                                     scheduler=scheduler)):
-        tallies[name] += tally
-    rows = [_row(name, ALL_CONDITIONS[name], tally) for name, tally in tallies.items()]
+    names, tallies = tuple(dict.fromkeys(only or ALL_CONDITIONS)), Trials()
+    for name in names:
+        tallies.add(integrity_runs, (name,), trials, _PIECE,
+                    seed + 7919 * list(ALL_CONDITIONS).index(name))
+    rows = [_row(name, ALL_CONDITIONS[name], tally) for name, tally in zip(
+        names, tallies.run(title='integrity', scheduler=scheduler))]
     return Result('campaign integrity', rows, {
         'camera': '1024 x 1024 px, 12 deg, 10 Hz; each run begins lost at a random attitude',
         'chain': 'centroids, lost-in-space identification, tracker (model attitude), trust',

@@ -24,7 +24,7 @@ from startracker_ros.evaluation.campaign.jpdaf_methods import (
 from startracker_ros.evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, GYRO, make_run, PUBLISHED,
     Run, STARS)
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
@@ -277,8 +277,8 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                        output: Path | None = None) -> Result:
     """Run every cell; with an output folder the figures of the paper are drawn there."""
     cases = [(cell, False) for cell in PUBLISHED] + [(cell, True) for cell in VARIANT_CELLS]
-    done = list(map(concatenated, parallel_trials(
-        errors, cases, trials, _PART_TRIALS, seed, title='jpdaf', scheduler=scheduler)))
+    done = parallel_trials(errors, cases, trials, _PART_TRIALS, seed, title='jpdaf',
+                           scheduler=scheduler)
     found = dict(zip(PUBLISHED, done))
     rows = [row for cell in PUBLISHED for row in comparison_rows(cell, found[cell])]
     rows += [row for cell in PUBLISHED for row in cell_rows(cell, found[cell])]

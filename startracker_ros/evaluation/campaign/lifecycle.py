@@ -3,9 +3,10 @@
 
 """Random transitions of managed nodes: no crash, no leak, no wrong attitude, a fast return."""
 
+from dataclasses import replace
+
 import numpy as np
-from startracker_ros.evaluation.campaign.resources import (
-    bounded_row, BoundedRow, growth, growth_rows)
+from startracker_ros.evaluation.campaign.resources import growth, growth_rows, ResourceRow
 from startracker_ros.evaluation.harness.random_transitions import (
     ANOTHER_SKY, CLEANED_UP, DEACTIVATED, LONGEST_PAUSE_S, RandomTransitions, SKY, TRANSITIONS,
     TransitionsResult)
@@ -23,51 +24,48 @@ _AFTER = {DEACTIVATED: 'deactivate', CLEANED_UP: 'cleanup',
           ANOTHER_SKY: 'cleanup of the simulator'}
 
 
-def rows_of(mode: str, result: TransitionsResult) -> list[BoundedRow]:
+def rows_of(mode: str, result: TransitionsResult) -> list[ResourceRow]:
     """Return the figures of a run, each with its bound."""
     rows = [
-        bounded_row('sequences', result.sequences, 'sequences'),
-        bounded_row('transitions requested', result.requests, 'requests'),
-        bounded_row('responses and states that the lifecycle has not', result.wrong_responses,
-                    'requests', '= 0', not result.wrong_responses),
-        bounded_row('processes ended', len(result.ended), 'processes', '= 0', not result.ended),
-        bounded_row('attitudes', result.attitudes, 'frames'),
-        bounded_row('wrong attitudes', result.wrong, 'frames', '= 0', not result.wrong),
-        bounded_row('gross attitudes', result.gross, 'frames', '= 0', not result.gross),
-        bounded_row('attitudes without a truth received', result.unverified, 'frames', '= 0',
-                    not result.unverified)]
+        ResourceRow('sequences', result.sequences, unit='sequences'),
+        ResourceRow('transitions requested', result.requests, unit='requests'),
+        ResourceRow('responses and states that the lifecycle has not', result.wrong_responses,
+                    unit='requests', exactly=0),
+        ResourceRow('processes ended', len(result.ended), unit='processes', exactly=0),
+        ResourceRow('attitudes', result.attitudes, unit='frames'),
+        ResourceRow('wrong attitudes', result.wrong, unit='frames', exactly=0),
+        ResourceRow('gross attitudes', result.gross, unit='frames', exactly=0),
+        ResourceRow('attitudes without a truth received', result.unverified, unit='frames',
+                    exactly=0)]
     for kind, times_s in result.reactivation_s.items():
         if times_s:
             rows += _reactivation_rows(kind, times_s)
     for process, samples in result.samples.items():
         warm = samples[int(_WARM_UP * len(samples)):]
         private = [sample.private_mib for sample in warm]
-        rows += [bounded_row(f'{process}: memory at the begin', samples[0].private_mib, 'MiB'),
-                 bounded_row(f'{process}: memory at the end', private[-1], 'MiB')]
+        rows += [
+            ResourceRow(f'{process}: memory at the begin', samples[0].private_mib, unit='MiB'),
+            ResourceRow(f'{process}: memory at the end', private[-1], unit='MiB')]
         if len(warm) > 1:
             slope, error = growth(np.arange(len(warm)) / SEQUENCES, private)
-            rows.append(bounded_row(
-                f'{process}: growth in {SEQUENCES} sequences', slope, 'MiB',
-                f'<= {_GROWTH_MIB:g}', slope - error <= _GROWTH_MIB, error))
+            rows.append(ResourceRow(
+                f'{process}: growth in {SEQUENCES} sequences', slope, error, 'MiB',
+                f'<= {_GROWTH_MIB:g}', slope - error <= _GROWTH_MIB))
         rows += growth_rows(process, warm)
-    return [BoundedRow(f'{mode}: {row.case}', row.ours, row.error, row.unit, row.bound, row.holds)
-            for row in rows]
+    return [replace(row, case=f'{mode}: {row.case}') for row in rows]
 
 
-def _reactivation_rows(kind: str, times_s: list[float]) -> list[BoundedRow]:
+def _reactivation_rows(kind: str, times_s: list[float]) -> list[ResourceRow]:
     """Return the median and the largest time; after another sky no bound is asked for."""
     after = f'activate to attitude after {_AFTER[kind]}'
-    largest_s = max(times_s)
-    bounded = kind != ANOTHER_SKY
-    return [bounded_row(f'{after}, p50 of {len(times_s)}', float(np.median(times_s)), 's'),
-            bounded_row(f'{after}, largest', largest_s, 's',
-                        f'<= {_REACTIVATION_S:g}' if bounded else '',
-                        not bounded or largest_s <= _REACTIVATION_S)]
+    return [ResourceRow(f'{after}, p50 of {len(times_s)}', float(np.median(times_s)), unit='s'),
+            ResourceRow(f'{after}, largest', max(times_s), unit='s',
+                        most=None if kind == ANOTHER_SKY else _REACTIVATION_S)]
 
 
 def run_lifecycle_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()) -> Result:
     """Run sequences in each mode; HarnessError when the nodes do not work."""
-    rows: list[BoundedRow] = []
+    rows: list[ResourceRow] = []
     logs = LogFolder('lifecycle')
     with logs as folder:
         for mode in only or MODES:

@@ -3,13 +3,13 @@
 
 """How often an error exceeds its protection level: rare events, by importance sampling."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.evaluation.campaign.rare_events import Found, probability_of
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import Row
 
@@ -19,6 +19,33 @@ OUTLIER_SIGMAS = 5.0
 _HALF_FIELD_RAD = np.radians(6.0)
 _STARS = (8, 14, 30)
 _BIASES_SIGMA = (2.0, 5.0, 8.0, 12.0)
+
+
+class Found(NamedTuple):
+    """A probability and its standard error."""
+
+    probability: float
+    error: float
+
+
+def probability_of(event: Callable[[np.ndarray], np.ndarray], shifts: np.ndarray, draws: int,
+                   rng: np.random.Generator) -> Found:
+    """
+    Return the probability that event(n), a mask (M,) of values n ~ N(0, I) (M, D), is true.
+
+    Values are drawn from the mixture of N(m_k, I), k = 1 .. K of equal shares, with shifts m_k
+    (K, D) that lead into the event, and each counts with the ratio of the densities,
+    w = K / sum_k exp(m_k n - m_k^2 / 2) (Owen and Zhou, J. Amer. Stat. Assoc. 95, 2000). The shift
+    zero should be among them where the event has parts that the others do not show: then no
+    weight exceeds K.
+    """
+    count, size = shifts.shape
+    n = rng.standard_normal((draws, size)) + shifts[rng.integers(count, size=draws)]
+    exponents = n @ shifts.T - np.sum(shifts ** 2, axis=1) / 2
+    largest = exponents.max(axis=1)
+    mixture = np.exp(exponents - largest[:, None]).mean(axis=1)
+    weighted = np.where(event(n), np.exp(-largest) / mixture, 0.0)
+    return Found(float(weighted.mean()), float(weighted.std(ddof=1) / np.sqrt(draws)))
 
 
 @dataclass(frozen=True)
@@ -126,7 +153,7 @@ def run_protection_campaign(*, trials: int, seed: int) -> Result:
         for name, false in (('no star is false', False), ('one star is false', True)):
             found = exceedance(field, options, false=false, draws=trials, rng=rng)
             rows.append(Row(f'{stars} stars, {name}: level exceeded', found.probability, '',
-                            f'<= {stated:g}', found.probability <= stated))
+                            most=stated))
             rows.append(Row(f'{stars} stars, {name}: standard error', found.error, ''))
     return Result('campaign protection', rows, {
         'fields': 'stars at random places of 12 deg, errors of 1 to 8 arcsec',

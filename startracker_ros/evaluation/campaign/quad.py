@@ -29,7 +29,8 @@ from startracker_ros.core.maths.rotation import (
     quaternion_from_rotation_vector, radec_from_unit, random_attitude, unit_from_radec)
 from startracker_ros.evaluation.campaign.centroid import (
     EPOCH_YEAR as NIGHT_EPOCH_YEAR, known_attitude, solutions)
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
+from startracker_ros.evaluation.campaign.parallel import (
+    joined, parallel_map, parallel_trials, split_trials)
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
@@ -354,12 +355,11 @@ def run_quad_campaign(*, trials: int, seed: int, scheduler: str = '',
     With an output folder figure 5 is drawn there. Real images are those of REAL_IMAGES in the
     folder that STARTRACKER_DATA names.
     """
-    parts = split_trials(trials, _PART_TRIALS, seed)
-    along = concatenated(parallel_map(
-        orbit_frames, [(_PART_TRIALS * i, *part) for i, part in enumerate(parts)],
-        title='orbit', scheduler=scheduler))
-    around = concatenated(parallel_map(sky_frames, parts, title='whole sky',
-                                       scheduler=scheduler))
+    along = joined(parallel_map(
+        orbit_frames, [(_PART_TRIALS * i, *part) for i, part in enumerate(
+            split_trials(trials, _PART_TRIALS, seed))], title='orbit', scheduler=scheduler))
+    around, = parallel_trials(sky_frames, [()], trials, _PART_TRIALS, seed, title='whole sky',
+                              scheduler=scheduler)
     rows = [*_database(), *_summary('orbit', along, True), *_summary('whole sky', around, False)]
     real = 'none: STARTRACKER_DATA names no folder with them'
     if 'STARTRACKER_DATA' in os.environ:

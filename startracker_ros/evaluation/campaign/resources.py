@@ -8,27 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.evaluation.harness.process_sample import ProcessSample
+from startracker_ros.tools.figures.rows import Bounded
 
 WARM_UP = 0.1
 """Share of a run that its figures leave out."""
 
 
 @dataclass(frozen=True)
-class BoundedRow:
+class ResourceRow(Bounded):
     """A figure of a run; error is 2 sigma."""
 
-    case: str
-    ours: float
-    error: float | None
-    unit: str
-    bound: str
-    holds: bool
-
-
-def bounded_row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True,
-                error: float | None = None) -> BoundedRow:
-    """Return a row; without a bound it holds."""
-    return BoundedRow(case, ours, error, unit, bound, holds)
+    error: float | None = None
+    unit: str = ''
+    bound: str = ''
+    holds: bool = True
 
 
 def growth(position: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray
@@ -54,11 +47,11 @@ def tenths(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
     return float(np.median(values[:tenth])), float(np.median(values[-tenth:]))
 
 
-def growth_rows(process: str, samples: Sequence[ProcessSample]) -> list[BoundedRow]:
+def growth_rows(process: str, samples: Sequence[ProcessSample]) -> list[ResourceRow]:
     """Return the growth of handles and threads, which has to be 0."""
     rows = []
     for name in ('handles', 'threads'):
         first, last = tenths([getattr(sample, name) for sample in samples])
-        rows.append(bounded_row(
-            f'{process}: {name}, growth', last - first, name, '= 0', last <= first))
+        rows.append(ResourceRow(f'{process}: {name}, growth', last - first, unit=name,
+                                bound='= 0', holds=last <= first))
     return rows

@@ -3,10 +3,10 @@
 
 """The data sheet of a camera: the Monte Carlo, its rows and its page."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 import time
 from typing import Any
@@ -18,7 +18,7 @@ from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.maths.rotation import random_attitude
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.evaluation.campaign.integrity_tally import Tally
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
+from startracker_ros.evaluation.campaign.parallel import Trials
 from startracker_ros.evaluation.datasheet import rows
 from startracker_ros.evaluation.datasheet.availability import DISTURBANCES, disturbed_runs
 from startracker_ros.evaluation.datasheet.bounds import limiting_magnitude, star_image
@@ -40,8 +40,7 @@ from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.figures.machine import machine, StealTime
-from startracker_ros.tools.report.chart import chart
-from startracker_ros.tools.report.template import content_policy, resource, template
+from startracker_ros.tools.report.template import chart, content_policy, resource, template
 
 RATES_DEG_S = (0.0, 0.3, 1.0, 2.0, 3.0)
 LIMIT_RATES_DEG_S = (4.0, 5.0, 7.5, 10.0)
@@ -77,33 +76,6 @@ class Effort:
 FULL = Effort(40, 100, 200, 60, 25, 6, 4, 20, 5000, 100)
 QUICK = Effort(4, 50, 12, 3, 15, 1, 1, 10, 500, 20)
 
-_Parts = list[Any]
-
-
-class _Plan:
-    """Trials of several kinds, to run side by side: the pool of processes starts only once."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-        self._pieces: list[tuple] = []
-        self._counts: list[int] = []
-
-    def add(self, function: Callable[..., Any], case: tuple, trials: int, size: int) -> None:
-        """Add trials of function(*case, trials, seed) in parts of at most size trials."""
-        parts = split_trials(trials, size, self._seed)
-        self._pieces += [(function, (*case, *part)) for part in parts]
-        self._counts.append(len(parts))
-
-    def run(self, scheduler: str) -> Iterator[_Parts]:
-        """Yield the results of the parts of each kind, in order."""
-        results = iter(parallel_map(_call, self._pieces, title='data sheet', scheduler=scheduler))
-        for count in self._counts:
-            yield [next(results) for _ in range(count)]
-
-
-def _call(function: Callable[..., Any], arguments: tuple) -> Any:
-    return function(*arguments)
-
 
 @dataclass(frozen=True)
 class Simulated:
@@ -118,32 +90,29 @@ class Simulated:
 
 def simulate(instrument: Instrument, effort: Effort, seed: int, scheduler: str = '') -> Simulated:
     """Run the Monte Carlo on all cores, or on a dask cluster."""
-    plan, lens, detector = _Plan(seed), instrument.lens, instrument.detector
+    trials, lens, detector = Trials(), instrument.lens, instrument.detector
     # The longest first, so that the cores end together.
     for rate in reversed(RATES_DEG_S):
-        plan.add(image_errors, (Instrument(lens, lens, detector), rate), effort.fields, 10)
+        trials.add(image_errors, (Instrument(lens, lens, detector), rate), effort.fields, 10,
+                   seed)
     for case in reversed(cases(effort)):
-        plan.add(tracked_runs, (instrument, case), effort.runs, 6)
+        trials.add(tracked_runs, (instrument, case), effort.runs, 6, seed)
     for case in LIMIT_CASES:
-        plan.add(tracked_runs, (instrument, case), effort.limit_runs, 3)
+        trials.add(tracked_runs, (instrument, case), effort.limit_runs, 3, seed)
     for disturbance in DISTURBANCES:
-        plan.add(disturbed_runs, (instrument, disturbance, effort.disturbed_frames),
-                 effort.disturbed_runs, 2)
-    plan.add(calibration_errors, (lens, detector, RATES_DEG_S, effort.calibration_fields),
-             effort.calibrations, 2)
+        trials.add(disturbed_runs, (instrument, disturbance, effort.disturbed_frames),
+                   effort.disturbed_runs, 2, seed)
+    trials.add(calibration_errors, (lens, detector, RATES_DEG_S, effort.calibration_fields),
+               effort.calibrations, 2, seed)
     limit, sigma_px = faintest(detector)
-    plan.add(identified_fields, (lens, limit, sigma_px), effort.sky_fields, 500)
-    parts = [*plan.run(scheduler)]
-    count = len(RATES_DEG_S)
-    images = [concatenated(each) for each in parts[:count]][::-1]
-    calibrations = np.concatenate(parts[-2])
-    ends = np.cumsum([count, count, len(LIMIT_CASES), len(DISTURBANCES)]).tolist()
-    return Simulated(
-        [rows.SplitErrors(rate, each, calibrations[:, number])
-         for number, (rate, each) in enumerate(zip(RATES_DEG_S, images))],
-        [concatenated(each) for each in parts[ends[0]:ends[1]]][::-1],
-        [concatenated(each) for each in parts[ends[1]:ends[2]]],
-        [sum(each, Tally()) for each in parts[ends[2]:ends[3]]], concatenated(parts[-1]))
+    trials.add(identified_fields, (lens, limit, sigma_px), effort.sky_fields, 500, seed)
+    done = trials.run(title='data sheet', scheduler=scheduler)
+    images, runs = ([*islice(done, len(RATES_DEG_S))][::-1] for _ in range(2))
+    limit_runs, tallies = ([*islice(done, len(each))] for each in (LIMIT_CASES, DISTURBANCES))
+    calibrations, fields = done
+    return Simulated([rows.SplitErrors(rate, each, calibrations[:, number])
+                      for number, (rate, each) in enumerate(zip(RATES_DEG_S, images))],
+                     runs, limit_runs, tallies, fields)
 
 
 def cases(effort: Effort) -> list[RunCase]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.evaluation.datasheet.design import (
     aperture_mm, best_of, camera_of, Expectation, expectations, exposures_of, instrument_of,
     zero_flux_e_s)
@@ -51,10 +51,9 @@ def run_design(options: DesignOptions, *, trials: int, seed: int, scheduler: str
     magnitudes = field_magnitudes(camera, deepest, _SKY_FIELDS, seed)
     expected = expectations(options, magnitudes)
     best = best_of(expected)
-    parts, = parallel_trials(
+    errors, = parallel_trials(
         image_errors, [(instrument_of(options, best.exposure_s), options.rate_deg_s)], trials,
         _PART_FIELDS, seed, title='design', scheduler=scheduler)
-    errors: ImageErrors = concatenated(parts)
     rows = [*_geometry(options), *_stars(best), *_exposures(expected, best),
             *_accuracy(options, best, errors)]
     return Result('design', rows, {

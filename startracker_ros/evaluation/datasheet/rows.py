@@ -20,7 +20,7 @@ from startracker_ros.evaluation.datasheet.single_images import ImageErrors
 from startracker_ros.evaluation.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.evaluation.datasheet.tracked_runs import RunCase, Runs
 from startracker_ros.tools.figures.correctness import WRONG_SHARE
-from startracker_ros.tools.figures.rows import mean_chi_square_bounds
+from startracker_ros.tools.figures.rows import goal_text, mean_chi_square_bounds
 
 IMAGES, TRACKER = 'images, one by one', 'images through the tracker'
 CALIBRATIONS = 'calibrations and images'
@@ -137,7 +137,7 @@ def consistency_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: n
         nees, published = each.nees(bias_rad), each.published
         if nees is not None:
             yield SheetRow(section, f'NEES, {rate}', nees, '', method=TRACKER,
-                           goal=_goal(f'{low:.2f} .. {high:.2f}', low <= nees <= high))
+                           goal=goal_text(f'{low:.2f} .. {high:.2f}', low <= nees <= high))
         for name, count, percent in (
                 (f'beyond {WRONG_SIGMAS:g} sigma', each.wrong(bias_rad).wrong, 100 * WRONG_SHARE),
                 ('beyond the protection level', each.beyond_protection(bias_rad),
@@ -145,11 +145,7 @@ def consistency_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: n
             if published:
                 share = 100 * count / published
                 yield SheetRow(section, f'frames {name}, {rate}', share, '%', method=TRACKER,
-                               goal=_goal(f'<= {percent:.2g}', share <= percent))
-
-
-def _goal(text: str, met: bool) -> str:
-    return f'{text}, {"met" if met else "missed"}'
+                               goal=goal_text(f'<= {percent:.2g}', share <= percent))
 
 
 def limit_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.ndarray

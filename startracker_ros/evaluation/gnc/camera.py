@@ -84,9 +84,8 @@ def observation_of(frame: FrameResult) -> Observation:
 class StarListCamera:
     """Centroids of catalogue stars with noise of SIGMA_PX, of an observer at rest."""
 
-    def __init__(self, *, seed: int, missing: float = 0.05, false: int = 3) -> None:
+    def __init__(self, *, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
-        self._missing, self._false = missing, false
         self._sky = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
         self._before: Centroids | None = None
         self._pipeline = StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
@@ -97,14 +96,13 @@ class StarListCamera:
     def observe(self, time_ns: int, motion: SampledMotion, fault: FrameFault) -> Observation:
         """Return the report of a frame."""
         q = motion.at(time_ns * 1e-9 + fault.offset_s).q_icrf_from_sensor
-        missing, false = (1.0, 3) if fault.blinded else (self._missing, self._false)
-        seen, _ = star_list(self._sky, CAMERA, q, SIGMA_PX, self._rng, missing=missing,
-                            false=false, brightest_false=2.0)
+        seen, _ = star_list(self._sky, CAMERA, q, SIGMA_PX, self._rng, false=3,
+                            missing=1.0 if fault.blinded else 0.05, brightest_false=2.0)
         before, self._before = self._before, seen
         if fault.torn and before is not None:
             row = self._rng.uniform(0, CAMERA.height)
-            seen = _joined(seen.select(seen.uv[:, 1] < row),
-                           before.select(before.uv[:, 1] >= row))
+            seen = seen.select(seen.uv[:, 1] < row).joined(
+                before.select(before.uv[:, 1] >= row))
         return observation_of(self._pipeline.process_centroids(START_NS + time_ns, seen))
 
 
@@ -134,9 +132,3 @@ class ImageCamera:
                 stray_light_falloff_deg=SUN_FALLOFF_DEG),
             artefact_options=ArtefactOptions(torn_frame_probability=float(torn)),
             frame_rate_hz=self._frame_rate_hz, seed=self._seed)
-
-
-def _joined(a: Centroids, b: Centroids) -> Centroids:
-    uv, flux, snr, sigma_px = (np.concatenate([getattr(a, name), getattr(b, name)])
-                               for name in ('uv', 'flux', 'snr', 'sigma_px'))
-    return Centroids(uv, flux, snr, sigma_px)

@@ -96,22 +96,20 @@ def rows_of(history: History) -> list[Row]:
     if slew is not None:
         rows.append(Row('slew begins', slew.begin_s, 's'))
         rows.append(Row(f'slew of {np.degrees(slew.angle_rad):g} deg settled after its profile',
-                        history.settle_s, 's', f'<= {SETTLE_S:g}', history.settle_s <= SETTLE_S))
+                        history.settle_s, 's', most=SETTLE_S))
     for axis, rms in zip(('x, cross boresight', 'y, cross boresight'), history.fine_rms_arcsec):
-        rows.append(Row(f'fine pointing rms, {axis}', float(rms), 'arcsec',
-                        f'<= {FINE_RMS_ARCSEC:g}', bool(rms <= FINE_RMS_ARCSEC)))
+        rows.append(Row(f'fine pointing rms, {axis}', float(rms), 'arcsec', most=FINE_RMS_ARCSEC))
     rows.append(Row('fine pointing rms, z, roll', float(history.fine_rms_arcsec[2]), 'arcsec'))
     if options.blinded_s:
         dark = history.within(Phase.BLINDED)
         worst = float(np.nanmax(history.boresight_arcsec()[dark], initial=0.0))
         rows += [Row('largest pointing error while blinded', worst, 'arcsec'),
-                 Row('measurement again after blinding', history.recovery_s, 's',
-                     f'<= {RECOVERY_S:g}', history.recovery_s <= RECOVERY_S)]
+                 Row('measurement again after blinding', history.recovery_s, 's', most=RECOVERY_S)]
     return [*rows,
             Row('longest hold by propagation', float(history.hold_s.max()), 's'),
             Row('largest motor torque', float(np.abs(history.torque_n_m).max()), 'N m'),
-            Row('wrong attitudes used', history.wrong, 'frames', '= 0', history.wrong == 0),
-            Row('gross attitudes used', history.gross, 'frames', '= 0', history.gross == 0),
+            Row('wrong attitudes used', history.wrong, 'frames', exactly=0),
+            Row('gross attitudes used', history.gross, 'frames', exactly=0),
             Row('frames', len(history.steps), 'frames')]
 
 

@@ -27,8 +27,7 @@ from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_to_message, tracked_attitude_from_imu
-from startracker_ros.ros.messages.geometry import vector_to_geometry
-from startracker_ros.ros.messages.header import make_header, stamp_from_ns
+from startracker_ros.ros.messages.header import make_header, stamp_from_ns, vector_to_geometry
 from startracker_ros.ros.messages.odometry import motion_to_odometry
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.sim.sky.sampled_motion import SampledMotion

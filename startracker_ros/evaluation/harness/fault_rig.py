@@ -19,9 +19,8 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import attitude_from_pose, quaternion_from_message
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.image import camera_to_message, image_to_message
 from startracker_ros.ros.rig import Rig
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import BagFiles, find_files
-from startracker_ros.io.bags.reader import BagTopic, read_span_ns, read_topics
+from startracker_ros.io.bags.reader import BagTopic, open_file, read_span_ns, read_topics
 from startracker_ros.io.bags.remote import version
-from startracker_ros.io.bags.storage import open_file
 from startracker_ros.io.table import Result
 
 

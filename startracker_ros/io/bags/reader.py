@@ -6,18 +6,43 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
-from startracker_ros.io.bags.compression import DECODING_ERRORS, unpack
+from startracker_ros.io.bags.compression import (
+    DECODING_ERRORS, first_unpacked_bytes, unpack, ZSTD_MAGIC)
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files
+from startracker_ros.io.bags.mcap_file import McapFile
 from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile
 from startracker_ros.io.bags.raw_message import RawMessage
-from startracker_ros.io.bags.remote import BagPath
+from startracker_ros.io.bags.remote import BagPath, RemotePath
 from startracker_ros.io.bags.schemas import message_schema, MessageSchema
-from startracker_ros.io.bags.storage import BagFile, open_file
+from startracker_ros.io.bags.sqlite_file import SQLITE_MAGIC, SqliteFile
+
+_HEAD_BYTES = 2 ** 18
+
+BagFile = McapFile | SqliteFile
+
+_MAX_PROBLEMS = 100
+"""Nobody reads more of them."""
+
+
+def open_file(path: BagPath) -> BagFile:
+    """Open a file of a bag; BagError if it cannot be read or is of no storage of rosbag2."""
+    if isinstance(path, RemotePath):
+        # SQLite reads files of this machine only.
+        return McapFile(path)
+    try:
+        with path.open('rb') as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise BagError(f'cannot read {path}: {error.strerror}') from error
+    if head.startswith(ZSTD_MAGIC):
+        head = first_unpacked_bytes(head, len(SQLITE_MAGIC))
+    return SqliteFile(path) if head.startswith(SQLITE_MAGIC) else McapFile(path)
 
 
 class BagMessage(NamedTuple):
@@ -211,3 +236,37 @@ def _topic(channel: Channel, schema: Schema | None, count: int) -> BagTopic:
         schema.encoding, schema.data.decode(errors='replace'),
         channel.metadata.get('topic_type_hash', ''))
     return BagTopic(channel.topic, _name(schema), count, channel.message_encoding, definition, qos)
+
+
+class TolerantBag:
+    """
+    Reads what is intact of a bag; report(problem) is called once for each kind of damage.
+
+    topics and span_ns (the first and last log time, None of an empty bag) are read at once;
+    BagError if nothing can be read.
+    """
+
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
+        self._path = path
+        self._report = report
+        self._problems: set[str] = set()
+        self.topics = self._read_topics()
+        self.span_ns = read_span_ns(path)
+
+    def messages(self, topics: Sequence[str], start_ns: int) -> Iterator[BagMessage]:
+        """Yield the messages of topics from a log time on."""
+        return read_messages(self._path, topics=tuple(topics), start_ns=start_ns, tolerant=True,
+                             report=self._on_damage)
+
+    def _read_topics(self) -> dict[str, BagTopic]:
+        try:
+            return read_topics(self._path)
+        except BagError as error:
+            topics = read_topics(self._path, tolerant=True)
+            self._on_damage(str(error))
+            return topics
+
+    def _on_damage(self, problem: str) -> None:
+        if problem not in self._problems and len(self._problems) < _MAX_PROBLEMS:
+            self._problems.add(problem)
+            self._report(problem)

@@ -12,7 +12,7 @@ from startracker_ros.core.track.tracks import Hint, TrackedAttitude
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.io.bags.telemetry import unit_quaternion
-from startracker_ros.ros.messages.geometry import quaternion_to_geometry
+from startracker_ros.ros.messages.header import quaternion_to_geometry
 from std_msgs.msg import Header
 
 

@@ -7,7 +7,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.io.bags.layouts import rotation_covariance
-from startracker_ros.ros.messages.geometry import vector_to_geometry
+from startracker_ros.ros.messages.header import vector_to_geometry
 from std_msgs.msg import Header
 
 

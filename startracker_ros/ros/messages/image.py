@@ -1,17 +1,23 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""sensor_msgs/Image, without a copy of the pixels where that is possible."""
+"""Messages of a camera: images, without a copy of the pixels where possible, and its geometry."""
 
 import struct
 import sys
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
 import numpy as np
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX
 from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import ImageMarker
+
+_COLOUR = ColorRGBA(r=1.0, g=0.75, b=0.25, a=1.0)
 
 
 def image_to_message(image: np.ndarray, header: Header) -> Image:
@@ -66,3 +72,21 @@ def _cdr_string(data: bytes, offset: int) -> tuple[str, int]:
     if end > len(data):
         raise IndexError(end)
     return data[begin:end].rstrip(b'\0').decode(errors='replace'), end
+
+
+def camera_to_message(camera: Camera, header: Header) -> CameraInfo:
+    """Return the CameraInfo of a camera."""
+    k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    return CameraInfo(
+        header=header, width=camera.width, height=camera.height,
+        distortion_model=camera.distortion_model, d=list(camera.distortion), k=k,
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0])
+
+
+def centroids_to_image_marker(uv: np.ndarray, header: Header) -> ImageMarker:
+    """Return `image_markers`, a reticle at each pixel uv (N, 2); each replaces the last one."""
+    ends = (uv[:, None] + RETICLE_TICKS_PX).reshape(-1, 2).tolist()
+    return ImageMarker(
+        header=header, ns='centroids', type=ImageMarker.LINE_LIST, action=ImageMarker.ADD,
+        scale=1.5, outline_color=_COLOUR, points=[Point(x=u, y=v) for u, v in ends])

@@ -24,8 +24,7 @@ from startracker_ros.ros.image_topic import (
     subscribe_images, TransportOptions, why_images_are_missing)
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
-from startracker_ros.ros.messages.image import image_to_message
-from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
+from startracker_ros.ros.messages.image import centroids_to_image_marker, image_to_message
 from startracker_ros.ros.node import main_of, publish_if_subscribed
 from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker

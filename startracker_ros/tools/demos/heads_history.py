@@ -151,27 +151,26 @@ class HeadsHistory:
         limit_s = FORECAST_LIMIT_S
         rows = [
             Row('frames', len(self.stamp_ns), 'frames'),
-            Row('frames with fused attitude', share, '%', '>= 99', share >= 99),
-            Row('wrong fused attitudes', wrong, 'frames', '= 0', wrong == 0),
-            Row('gross fused attitudes', gross, 'frames', '= 0', gross == 0),
+            Row('frames with fused attitude', share, '%', least=99),
+            Row('wrong fused attitudes', wrong, 'frames', exactly=0),
+            Row('gross fused attitudes', gross, 'frames', exactly=0),
             Row('fused error across the boresight of the first head, rms each axis', cross,
                 'arcsec'),
             Row('fused error in its roll, rms', roll, 'arcsec'),
-            Row('roll over cross error', roll / cross, '', '<= 1.3', roll <= 1.3 * cross),
-            Row('largest jump where a head drops out or returns', jump, 'sigma',
-                f'<= {JUMP_SIGMAS:g}', jump <= JUMP_SIGMAS),
+            Row('roll over cross error', roll / cross, '', most=1.3),
+            Row('largest jump where a head drops out or returns', jump, 'sigma', most=JUMP_SIGMAS),
             Row('blindings; pairs of head and body', len(blinded), '')]
         if counts:
             rows.append(Row('after blinding: identified frame to attitude, most', max(counts),
-                            'frames', '<= 1', max(counts) <= 1))
+                            'frames', most=1))
         if returns:
-            rows.append(Row('end of the exclusion to attitude, longest', max(returns), 's', '= 0',
-                            max(returns) == 0))
+            rows.append(Row('end of the exclusion to attitude, longest', max(returns), 's',
+                            exactly=0))
         for name, errors in (('blinding', starts), ('return', ends)):
             if len(errors):
                 worst = float(np.abs(errors).max())
                 rows.append(Row(f'forecast of the time to {name}, largest error', worst, 's',
-                                f'<= {limit_s:g}', worst <= limit_s))
+                                most=limit_s))
         return [*rows, *self._mount_rows(heads)]
 
     def _jump(self, stamps: np.ndarray, error: np.ndarray, sigma: np.ndarray,
@@ -201,8 +200,7 @@ class HeadsHistory:
                          float(np.linalg.norm(error[0])), 'arcsec'),
                      Row(f'mount of {name}: error in the second half, rms', float(np.sqrt(np.mean(
                          np.sum(error[last] ** 2, axis=1)))), 'arcsec'),
-                     Row(f'mount of {name}: axes within 3 sigma', within, '%', '>= 95',
-                         within >= 95)]
+                     Row(f'mount of {name}: axes within 3 sigma', within, '%', least=95)]
         return rows
 
     def draw(self, path: Path, recording: Recording, heads: HeadsRecording) -> None:

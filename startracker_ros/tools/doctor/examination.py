@@ -10,8 +10,7 @@ import platform
 from startracker_ros import __version__
 from startracker_ros.io.table import Result
 from startracker_ros.tools.doctor.dds import check_dds
-from startracker_ros.tools.doctor.install import check_install
-from startracker_ros.tools.doctor.storage import check_storage
+from startracker_ros.tools.doctor.install import check_install, check_storage
 
 
 def examine(*, camera_file: Path | None = None, listen_s: float = 0.0,

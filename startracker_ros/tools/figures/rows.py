@@ -4,7 +4,7 @@
 """Rows of tables, a frozen type for each set of columns; the fields are the columns, in order."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, InitVar, KW_ONLY
 import math
 
 import numpy as np
@@ -13,12 +13,46 @@ Check = tuple[str, bool]
 """A bound in words, and whether it holds."""
 
 
+def within(value: float, *, least: float | None = None, most: float | None = None,
+           exactly: int | None = None) -> Check:
+    """Return the bound of a value; without any it holds."""
+    if exactly is not None:
+        return f'= {exactly}', bool(value == exactly)
+    if least is not None and most is not None:
+        return f'{least:g} .. {most:g}', bool(least <= value <= most)
+    if most is not None:
+        return f'<= {most:g}', bool(value <= most)
+    return ('', True) if least is None else (f'>= {least:g}', bool(value >= least))
+
+
+def goal_text(goal: str, met: bool) -> str:
+    """Return a bound that decides nothing, and whether it is met."""
+    return f'{goal}, {"met" if met else "missed"}'
+
+
 @dataclass(frozen=True)
-class Row:
-    """A figure of ours and its bound."""
+class Bounded:
+    """A figure of ours; its bound may be given as limits, which are no columns."""
 
     case: str
     ours: float
+    _: KW_ONLY
+    least: InitVar[float | None] = None
+    most: InitVar[float | None] = None
+    exactly: InitVar[int | None] = None
+
+    def __post_init__(self, least: float | None, most: float | None, exactly: int | None
+                      ) -> None:
+        if {least, most, exactly} != {None}:
+            bound, holds = within(self.ours, least=least, most=most, exactly=exactly)
+            object.__setattr__(self, 'bound', bound)
+            object.__setattr__(self, 'holds', holds)
+
+
+@dataclass(frozen=True)
+class Row(Bounded):
+    """A figure of ours and its bound."""
+
     unit: str
     bound: str = ''
     holds: bool = True
@@ -34,9 +68,8 @@ class DemoRow(Row):
     def with_goal(cls, case: str, ours: float, unit: str, goal: float, *, least: bool = False
                   ) -> 'DemoRow':
         """Return a row whose figure should be at most its goal, or at least."""
-        met = ours >= goal if least else ours <= goal
-        return cls(case, ours, unit, goal=f'{">=" if least else "<="} {goal:g}, '
-                                          f'{"met" if met else "missed"}')
+        check = within(ours, least=goal) if least else within(ours, most=goal)
+        return cls(case, ours, unit, goal=goal_text(*check))
 
     @classmethod
     def of(cls, row: Row) -> 'DemoRow':
@@ -45,11 +78,9 @@ class DemoRow(Row):
 
 
 @dataclass(frozen=True)
-class BenchRow:
+class BenchRow(Bounded):
     """A figure of ours beside that of a peer; ratio is ours over theirs."""
 
-    case: str
-    ours: float
     unit: str
     peer: str = ''
     ratio: float | None = None
@@ -58,11 +89,9 @@ class BenchRow:
 
 
 @dataclass(frozen=True)
-class PercentileRow:
+class PercentileRow(Bounded):
     """A figure of ours, for times the median, with percentiles 95 and 99."""
 
-    case: str
-    ours: float
     p95: float | None = None
     p99: float | None = None
     unit: str = 'ms'
@@ -83,11 +112,9 @@ class PercentileRow:
 
 
 @dataclass(frozen=True)
-class CampaignRow:
+class CampaignRow(Bounded):
     """A figure of ours beside that of a paper."""
 
-    case: str
-    ours: float
     paper: float | str | None
     unit: str
     bound: str = ''

@@ -7,7 +7,7 @@ import numpy as np
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.tools.figures.correctness import count_wrong
-from startracker_ros.tools.figures.rows import DemoRow
+from startracker_ros.tools.figures.rows import DemoRow, goal_text, within
 
 _LATENCY_GOALS_MS = {50: 6.0, 95: 10.0}
 """Those of `bench pipeline` for a process each."""
@@ -21,12 +21,12 @@ def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
     lost = len(np.setdiff1d(recording.image_ns, recording.centroids_ns))
     expected = _expected_frames(recording.image_ns) if wanted is None else wanted
     dropped = expected - images + lost
-    rows.append(DemoRow('frames dropped', dropped, 'frames', '= 0', dropped == 0))
+    rows.append(DemoRow('frames dropped', dropped, 'frames', exactly=0))
     rows.append(_bag_row(recording, expected))
     stamps, error, sigma = recording.errors()
     share = 100 * len(recording.attitude_ns) / max(1, images)
     rows.append(DemoRow('frames with attitude', share, '%', '> 0', share > 0,
-                        f'>= 95, {"met" if share >= 95 else "missed"}'))
+                        goal_text(*within(share, least=95))))
     rows += _rows_without_attitude(recording)
     if not len(stamps):
         return rows
@@ -39,8 +39,8 @@ def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
     start_s = (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9
     latency_ms = recording.latency_ms()
     return [
-        *rows, DemoRow('wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
-        DemoRow('gross attitudes', gross, 'frames', '= 0', gross == 0),
+        *rows, DemoRow('wrong attitudes', wrong, 'frames', exactly=0),
+        DemoRow('gross attitudes', gross, 'frames', exactly=0),
         *_protection_rows(recording),
         DemoRow('first image to first attitude', start_s, 's'),
         *(DemoRow.with_goal(f'image sent to attitude received, p{percent}',
@@ -51,7 +51,7 @@ def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
 def _protection_rows(recording: Recording) -> list[DemoRow]:
     """Return how many frames exceed their protection level, none where none was published."""
     known, beyond = recording.beyond_protection()
-    return [DemoRow('errors beyond the protection level', beyond, 'frames', '= 0', beyond == 0)
+    return [DemoRow('errors beyond the protection level', beyond, 'frames', exactly=0)
             ] if known else []
 
 
@@ -65,8 +65,7 @@ def _rows_without_attitude(recording: Recording) -> list[DemoRow]:
         missing_ns, recording.without_attitude_ns))
     silent = len(missing_ns) - explained
     return [DemoRow('later frames without attitude, reason given', explained, 'frames'),
-            DemoRow('later frames without attitude, no reason', silent, 'frames', '= 0',
-                    silent == 0)]
+            DemoRow('later frames without attitude, no reason', silent, 'frames', exactly=0)]
 
 
 def _bag_row(recording: Recording, frames: int) -> DemoRow:

@@ -95,7 +95,7 @@ def summarise_target(recording: TargetRecording, frames: int) -> list[DemoRow]:
     rows = []
     for name, seen in recording.sightings.items():
         images = len(seen.image_ns)
-        rows += [DemoRow(f'{name}: images', images, 'frames', f'= {frames}', images == frames),
+        rows += [DemoRow(f'{name}: images', images, 'frames', exactly=frames),
                  _share_row(f'{name}: frames with attitude', seen.attitude_ns, seen.image_ns),
                  _share_row(f'{name}: frames with target', seen.target_ns, seen.image_ns)]
     image_ns = next(iter(recording.sightings.values())).image_ns
@@ -113,14 +113,14 @@ def summarise_target(recording: TargetRecording, frames: int) -> list[DemoRow]:
         DemoRow('sigma of the position, rms', sigma_m, 'm'),
         DemoRow('normalised error squared, mean of 3 expected', float(squared.mean()), '',
                 '< 4', squared.mean() < 4),
-        DemoRow('wrong positions', wrong, 'frames', '= 0', wrong == 0)]
+        DemoRow('wrong positions', wrong, 'frames', exactly=0)]
 
 
 def _share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> DemoRow:
     """Return the share of images with a result, from the first result on: acquisition is free."""
     since = image_ns >= stamps.min(initial=image_ns.max(initial=0))
     share = 100 * len(stamps) / max(1, int(np.count_nonzero(since)))
-    return DemoRow(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
+    return DemoRow(f'{case}, from the first on', share, '%', least=90)
 
 
 def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tuple]) -> None:

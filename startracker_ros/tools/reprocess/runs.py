@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.tools.reprocess.run import SUMMARY
-from startracker_ros.tools.reprocess.tables import days_of, read_table
+from startracker_ros.tools.reprocess.tables import read_table
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,9 @@ class Run:
 
     @property
     def days(self) -> list[str]:
-        """The days with frames."""
-        return days_of(self.folder / 'tables', 'frames')
+        """The days with frames, as 2026-01-01."""
+        return sorted(path.name.removeprefix('day=')
+                      for path in (self.folder / 'tables' / 'frames').glob('day=*'))
 
     def table(self, name: str, tracker: str, columns: list[str], day: str = '*'
               ) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -102,40 +102,27 @@ class SegmentTables:
         if attitudes:
             quaternion = np.array([attitude.quaternion for attitude in attitudes])
             covariance = np.array([attitude.covariance_sensor for attitude in attitudes])
-            _set(rows, 'stars', known, [attitude.stars for attitude in attitudes])
-            _set_all(rows, 'q_{}', 'xyzw', known, quaternion)
-            _set_all(rows, 'cov_{}_rad2', PAIRS, known, covariance[:, UPPER[0], UPPER[1]])
-            _set_all(rows, 'protection_{}_rad', 'xyz', known,
-                     np.array([attitude.protection_rad for attitude in attitudes]))
+            rows['stars'][known] = [attitude.stars for attitude in attitudes]
+            fill(rows, 'q_{}', 'xyzw', quaternion.T, known)
+            fill(rows, 'cov_{}_rad2', PAIRS, covariance[:, UPPER[0], UPPER[1]].T, known)
+            fill(rows, 'protection_{}_rad', 'xyz',
+                 np.array([attitude.protection_rad for attitude in attitudes]).T, known)
             rate, truth = (np.array([np.full(size, np.nan) if value is None else value
                                      for value in values]) for size, values in (
                 (3, [frame.rate_rad_s for frame in frames]),
                 (4, [frame.truth for frame in frames])))
-            _set_all(rows, 'rate_{}_rad_s', 'xyz', known, rate[known])
-            _set_all(rows, 'error_{}_arcsec', 'xyz', known,
-                     attitude_error(quaternion, truth[known]) / ARCSEC)
+            fill(rows, 'rate_{}_rad_s', 'xyz', rate[known].T, known)
+            fill(rows, 'error_{}_arcsec', 'xyz',
+                 attitude_error(quaternion, truth[known]).T / ARCSEC, known)
         fits = [frame.fit for frame in frames if frame.fit is not None]
         if fits:
             known = np.array([frame.fit is not None for frame in frames])
             covariance = np.array([fit.covariance for fit in fits]) / ARCSEC ** 2
-            _set_all(rows, 'single_{}_arcsec', 'xyz', known,
-                     np.array([fit.turn_rad for fit in fits]) / ARCSEC)
-            _set_all(rows, 'single_cov_{}_arcsec2', PAIRS, known,
-                     covariance[:, UPPER[0], UPPER[1]])
-            _set(rows, 'zero_point_mag', known, [fit.zero_point_mag for fit in fits])
+            fill(rows, 'single_{}_arcsec', 'xyz',
+                 np.array([fit.turn_rad for fit in fits]).T / ARCSEC, known)
+            fill(rows, 'single_cov_{}_arcsec2', PAIRS, covariance[:, UPPER[0], UPPER[1]].T, known)
+            rows['zero_point_mag'][known] = [fit.zero_point_mag for fit in fits]
         return rows
-
-
-def _set(rows: np.ndarray, name: str, known: np.ndarray, values: Any) -> None:
-    """Set a column of the known rows (N,) to values (K,)."""
-    rows[name][known] = values
-
-
-def _set_all(rows: np.ndarray, pattern: str, names: Sequence[str], known: np.ndarray,
-             values: np.ndarray) -> None:
-    """Set columns, by a pattern of their names, of the known rows (N,) to values (K, C)."""
-    for name, column in zip(names, values.T):
-        _set(rows, pattern.format(name), known, column)
 
 
 def _lens_rows(frames: Sequence[_Frame]) -> np.ndarray:
@@ -172,10 +159,11 @@ def _star_rows(frames: Sequence[_Frame], begin_ns: int) -> np.ndarray:
     return rows
 
 
-def fill(row: np.ndarray, pattern: str, names: Sequence[str], values: np.ndarray) -> None:
-    """Set columns, by a pattern of their names, to values (K,) or (K, N)."""
-    for name, value in zip(names, values):
-        row[pattern.format(name)] = value
+def fill(rows: np.ndarray, pattern: str, names: Sequence[str], values: np.ndarray,
+         known: np.ndarray | slice = slice(None)) -> None:
+    """Set columns, by a pattern of their names, of the known rows to values (K, N)."""
+    for name, column in zip(names, values):
+        rows[pattern.format(name)][known] = column
 
 
 def write_tables(tables: Mapping[str, np.ndarray], folder: Path, tracker: str, name: str
@@ -210,11 +198,6 @@ def accuracy(rows: np.ndarray) -> tuple[int, float, float]:
     error = error[known]
     nees = nees_of(error * ARCSEC, covariance)
     return len(error), float((error[:, :2] ** 2).sum()), float(nees.sum())
-
-
-def days_of(folder: Path, table: str) -> list[str]:
-    """Return the days that a table of a run has, as 2026-01-01."""
-    return sorted(path.name.removeprefix('day=') for path in (folder / table).glob('day=*'))
 
 
 def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: str = '*'

@@ -14,8 +14,7 @@ from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.chart import chart
-from startracker_ros.tools.report.template import content_policy, resource, template
+from startracker_ros.tools.report.template import chart, content_policy, resource, template
 from startracker_ros.tools.reprocess.compare import draw_extremes
 from startracker_ros.tools.reprocess.runs import open_run, Run
 from startracker_ros.tools.reprocess.widths import GRID, width_px

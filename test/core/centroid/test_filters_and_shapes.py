@@ -13,8 +13,8 @@ from startracker_ros.core.centroid.frame import prepare
 from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
 from startracker_ros.core.centroid.hits import is_hit, least_share
 from startracker_ros.core.centroid.noise import NoiseModel
+from startracker_ros.core.centroid.point_stars import drifted, duplicates
 from startracker_ros.core.centroid.pointing_error import pointing_error, UNCERTAIN
-from startracker_ros.core.centroid.position import drifted, duplicates
 from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.centroid.quota import brightest, CELL_SHARE, CELLS
 from startracker_ros.core.centroid.rejection import Rejections

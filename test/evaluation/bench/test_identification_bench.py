@@ -92,7 +92,7 @@ def test_bounds_can_fail(monkeypatch, case, solved, correct, failing):
     outcome = Outcome(np.array(solved), np.array(correct), np.full(2, 1e-3))
     monkeypatch.setattr('startracker_ros.evaluation.bench.identification.parallel_trials',
                         lambda work, cases, *_, **__: [
-                            [outcome if view.name == 'A12' else Outcome(*np.ones((3, 2), bool))]
+                            outcome if view.name == 'A12' else Outcome(*np.ones((3, 2), bool))
                             for view, _ in cases])
     result = run_identification_bench(trials=2, seed=1, only=(case,))
     assert [row.case for row in result.rows if not row.holds] == failing
@@ -110,7 +110,7 @@ def test_narrow_fields_are_identified_with_the_deep_catalogue(count, all_but):
 def test_narrow_bounds_can_fail(monkeypatch):
     kinds = {'N3': [CORRECT, UNSOLVED], 'N2': [CORRECT, WRONG]}
     monkeypatch.setattr(narrow_field, 'parallel_trials', lambda work, cases, *_, **__: [
-        [lost_in_space.Outcome(np.array(kinds[view.name]), np.array([1e-3, 1.0]))]
+        lost_in_space.Outcome(np.array(kinds[view.name]), np.array([1e-3, 1.0]))
         for view, in cases])
     monkeypatch.setattr(narrow_field, 'measure_build', lambda view: (
         (2.0, 50.0) if view.name == 'N3' else (4.0, 150.0)))

@@ -8,10 +8,9 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign import hausdorff, hausdorff_frames
-from startracker_ros.evaluation.campaign.five_stars import FiveStarStructures
-from startracker_ros.evaluation.campaign.hausdorff import CELLS, PUBLISHED, run_hausdorff_campaign
-from startracker_ros.evaluation.campaign.hausdorff_frames import directions, FRAMES, stored_sets
+from startracker_ros.evaluation.campaign import hausdorff
+from startracker_ros.evaluation.campaign.hausdorff import (
+    CELLS, directions, FiveStarStructures, FRAMES, PUBLISHED, run_hausdorff_campaign, stored_sets)
 
 CELLS_TO_RUN = (('pivot', 5.5), ('segment', 6.0))
 
@@ -21,8 +20,7 @@ def result(one_process, tmp_path_factory):
     output = tmp_path_factory.mktemp('hausdorff')
     with pytest.MonkeyPatch.context() as patch:
         # A twentieth of the sets of five stars that there are to V 4.
-        for module in (hausdorff, hausdorff_frames):
-            patch.setattr(module, 'SLOW_CELL', 3.5)
+        patch.setattr(hausdorff, 'SLOW_CELL', 3.5)
         result = run_hausdorff_campaign(trials=10, seed=1, cells=CELLS_TO_RUN, output=output)
     picture = cv2.imread(str(output / 'figures_10_11_12_times.png'))
     assert picture.shape[0] > 200 and picture.std() > 10

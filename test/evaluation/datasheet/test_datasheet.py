@@ -13,6 +13,7 @@ import pytest
 from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
+from startracker_ros.evaluation.campaign import parallel
 from startracker_ros.evaluation.datasheet import datasheet, design
 from startracker_ros.evaluation.datasheet.by_rate import lines_of, rates_of, records
 from startracker_ros.evaluation.datasheet.calibrated import field_errors
@@ -88,7 +89,7 @@ def _small_sheet(tmp_path, monkeypatch):
     monkeypatch.setattr(datasheet, 'LIMIT_CASES', ())
     monkeypatch.setattr(datasheet, 'DISTURBANCES', datasheet.DISTURBANCES[:1])
     # In this process: a pool would import all again.
-    monkeypatch.setattr(datasheet, 'parallel_map', lambda work, pieces, **_: [
+    monkeypatch.setattr(parallel, 'parallel_map', lambda work, pieces, **_: [
         work(*piece) for piece in pieces])
     page = tmp_path / 'sheet.html'
     return page, datasheet.run_datasheet(SMALL, DETECTOR, page, seed=1, effort=EFFORT)

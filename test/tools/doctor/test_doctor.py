@@ -17,7 +17,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.ros.processes import take_domain
-from startracker_ros.tools.doctor import camera, dds, install, storage
+from startracker_ros.tools.doctor import camera, dds, install
 
 ROOT = Path(__file__).parents[3]
 J2026_NS = 1_767_225_600 * 10 ** 9
@@ -135,16 +135,16 @@ def test_shared_memory_of_a_container_is_too_small():
 
 
 def test_caches(tmp_path):
-    assert not storage.check_compiled('', 50, 50).holds
-    assert 'warm_up' in storage.check_compiled(str(tmp_path), 1, 50).mend
-    assert storage.check_compiled(str(tmp_path), 0, 50).holds
+    assert not install.check_compiled('', 50, 50).holds
+    assert 'warm_up' in install.check_compiled(str(tmp_path), 1, 50).mend
+    assert install.check_compiled(str(tmp_path), 0, 50).holds
     # An install that cannot be written, with the code that the build made.
-    assert storage.check_compiled('', 0, 50).holds
+    assert install.check_compiled('', 0, 50).holds
     (tmp_path / 'file').touch()
-    assert storage.check_databases(tmp_path / 'made' / 'later').holds
-    assert not storage.check_databases(tmp_path / 'file' / 'below').holds
-    assert 'GB free' in storage.check_room(tmp_path).result
-    assert not storage.check_room(tmp_path / 'file').holds
+    assert install.check_databases(tmp_path / 'made' / 'later').holds
+    assert not install.check_databases(tmp_path / 'file' / 'below').holds
+    assert 'GB free' in install.check_room(tmp_path).result
+    assert not install.check_room(tmp_path / 'file').holds
 
 
 @pytest.mark.parametrize('changed, trouble', [

@@ -58,6 +58,17 @@ def test_percentiles_have_bounds_where_these_are_finite():
     assert combined([]) == ('', True) and combined([('a', True), ('b', False)]) == ('a; b', False)
 
 
+@pytest.mark.parametrize(('limits', 'bound', 'holds'), [
+    ({'most': 3}, '<= 3', True), ({'most': 2.5}, '<= 2.5', False), ({'least': 3}, '>= 3', True),
+    ({'least': 3.5}, '>= 3.5', False), ({'exactly': 3}, '= 3', True),
+    ({'exactly': 0}, '= 0', False), ({'least': 2.7, 'most': 3.3}, '2.7 .. 3.3', True),
+    ({'least': 2, 'most': 2.9}, '2 .. 2.9', False), ({}, '', True)])
+def test_a_bound_follows_from_the_limits(limits, bound, holds):
+    row = Row('case', np.float64(3), 'm', **limits)
+    assert (row.bound, row.holds) == (bound, holds)
+    assert replace(row, case='other') == Row('other', 3.0, 'm', bound, holds)
+
+
 def test_the_figure_of_ours_is_the_one_beyond_the_paper():
     assert PaperRow('a', '> 97.4', 98.0, 99.0).ours == 99
     assert PaperRow('a', '> 97.4', 98.0).ours == 98

@@ -25,11 +25,9 @@ from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 from startracker_ros.ros.diagnostics import status_message
 from startracker_ros.ros.messages.attitude import (
     attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
-from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
-from startracker_ros.ros.messages.geometry import vector_to_geometry
-from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.header import make_header, vector_to_geometry
+from startracker_ros.ros.messages.image import camera_to_message, image_to_message
 from std_msgs.msg import Header
 
 CAMERA = Camera.from_fov(256, 256, 15.0)

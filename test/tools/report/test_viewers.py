@@ -20,7 +20,7 @@ import pytest
 from run_bag import write_run
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
+from startracker_ros.ros.messages.image import centroids_to_image_marker
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.tools.report.viewer_picture import draw_viewer
 from visualization_msgs.msg import ImageMarker
