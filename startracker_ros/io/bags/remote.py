@@ -201,7 +201,8 @@ def remote_bags(url: str) -> list[RemotePath]:
         system.invalidate_cache()
         for name in sorted(system.glob(root)) if any(mark in root for mark in '*?[') else [root]:
             for path, information in system.find(name, detail=True).items():
-                file = _file(system.unstrip_protocol(path), information)
+                # The oldest fsspec finds a file that is named itself without a word about it.
+                file = _file(system.unstrip_protocol(path), information or system.info(path))
                 if not any(fnmatch(file.name, kind) for kind in _BAG_FILES):
                     continue
                 if path == name:

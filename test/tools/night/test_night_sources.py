@@ -46,7 +46,7 @@ def test_the_place_of_the_zenith_needs_a_time_zone(dated, tmp_path_factory):
     assert len([*timed_images(dated, None, None, None, zone_needed=True)]) == 3
     local = tmp_path_factory.mktemp('local') / 'a.jpg'
     exif = Image.Exif()
-    exif.get_ifd(0x8769)[0x9003] = '2026:11:23 23:00:00'
+    exif[0x8769] = {0x9003: '2026:11:23 23:00:00'}
     Image.fromarray(PIXELS.astype(np.uint8)).save(local, exif=exif)
     assert len(stamps(local.parent)) == 1
     with pytest.raises(NightError, match='no time zone'):
