@@ -9,6 +9,7 @@ page shows it between two comments; columns and rows of an excerpt are named in 
 
     <!-- result smear -->
     <!-- result pipeline: case, ours, unit: ^1024 px -->
+    <!-- result lost-in-space: cell, median_ms / p99_ms of each solver: ^A12$ -->
     <!-- end of result -->
 
 Run in the source tree, this writes these tables and docs/papers.md again, the results with a line

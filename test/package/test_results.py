@@ -94,6 +94,20 @@ def test_an_excerpt_has_the_named_columns_and_rows_and_no_conditions(tmp_path):
     assert '1 px' not in excerpt and 'stars' not in excerpt
 
 
+def test_what_several_solvers_reach_stands_side_by_side(tmp_path):
+    (tmp_path / 'docs/results').mkdir(parents=True)
+    (tmp_path / 'docs/results/a.json').write_text(json.dumps({
+        'rows': [{'cell': cell, 'solver': solver, 'right': right, 'ms': None}
+                 for cell, solver, right in (('1 px', 'ours', 3), ('1 px', 'peer', 2),
+                                             ('2 px', 'ours', 1))],
+        'conditions': {}, 'commit': 'abc', 'machine': 'm', 'date': 'd'}))
+    page = tmp_path / 'README.md'
+    page.write_text('<!-- result a: cell, right / ms of each solver -->\n<!-- end of result -->\n')
+    assert documents.rendered(page, tmp_path).splitlines()[2:6] == [
+        '| cell | ours | peer |', '|---|---|---|', '| 1 px | 3 / - | 2 / - |',
+        '| 2 px | 1 / - | - |']
+
+
 def test_the_origin_of_a_result_names_the_code_that_was_loaded():
     code = origin()['code']
     assert 'evaluation/campaign/papers.py' in code

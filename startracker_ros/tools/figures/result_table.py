@@ -17,13 +17,18 @@ def result_lines(document: Mapping[str, Any], link: str, *, columns: Sequence[st
 
     link is the path of the document as the page sees it. An excerpt has the columns that are
     named and the rows with a text in which rows, a regular expression, is found; no conditions.
+    The last of the columns may be `ONE / OTHER of each COLUMN`: see side_by_side().
     """
     found = [row for row in document['rows'] if any(
         re.search(rows, text) for text in row.values() if isinstance(text, str))]
     details = document.get('details', ())
+    shown = list(columns) or [key for key in document['rows'][0] if key not in details]
+    values, each, by = shown[-1].partition(' of each ')
+    if each:
+        found = side_by_side(found, shown[:-1], by, values.split(' / '))
+        shown = list(found[0])
     yield ''
-    yield from table_lines(columns or [key for key in document['rows'][0] if key not in details],
-                           found)
+    yield from table_lines(shown, found)
     conditions = document['conditions']
     counts = ''.join(f', {key} {conditions[key]}' for key in ('seed', 'trials')
                      if key in conditions)
@@ -34,6 +39,22 @@ def result_lines(document: Mapping[str, Any], link: str, *, columns: Sequence[st
     if others and not columns and not rows:
         yield from ('', '| condition | |', '|---|---|')
         yield from (f'| {key} | {escaped(cell_text(key, value))} |' for key, value in others)
+
+
+def side_by_side(rows: Sequence[Mapping[str, Any]], keys: Sequence[str], by: str,
+                 values: Sequence[str]) -> list[dict[str, Any]]:
+    """
+    Return one row for those that agree in the columns keys, with a column for each text in `by`.
+
+    Its cells are the values of that text, separated by slashes.
+    """
+    joined: dict[tuple[Any, ...], dict[str, Any]] = {}
+    texts = dict.fromkeys(row[by] for row in rows)
+    for row in rows:
+        key = tuple(row[name] for name in keys)
+        cells = joined.setdefault(key, {**dict(zip(keys, key)), **dict.fromkeys(texts)})
+        cells[row[by]] = ' / '.join(cell_text(name, row[name]) for name in values)
+    return list(joined.values())
 
 
 def table_lines(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
