@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid, SkyGrid
+from startracker_ros.core.catalog.sky_grid import (
+    brightest_everywhere, pairs_within, sky_grid, SkyGrid)
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.maths.graph import lowest_connected
 from startracker_ros.core.stored_arrays import digest, StoredArrays
@@ -97,9 +98,12 @@ class OnboardCatalog:
 
 
 def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
-                          merge_rad: float, crowd_rad: float) -> OnboardCatalog:
+                          merge_rad: float, crowd_rad: float, least_density: float = 0.0
+                          ) -> OnboardCatalog:
     """
     Return the on-board catalogue up to magnitude_limit at a Julian year.
+
+    It is deeper where that leaves fewer entries a steradian than least_density.
 
     Stars linked by separations below merge_rad become one entry at their photocentre, included
     if its total magnitude is within the limit. All stars of the catalogue are components and
@@ -122,7 +126,10 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
 
     order = np.argsort(magnitude, kind='stable')
     # In float32 like the catalogue, so that a star exactly at the limit is included.
-    order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
+    chosen = magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)
+    if least_density:
+        chosen[brightest_everywhere(direction[order], least_density)] = True
+    order = order[chosen]
     # Of the brightest component, to whom the others are bound or only close.
     rows = brightest[order]
     bright = catalog.rows(rows)
@@ -133,11 +140,13 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                    magnitude_limit: float = np.inf) -> OnboardCatalog:
-    """Return the on-board catalogue of a camera, with the resolution of its pixels."""
+                    magnitude_limit: float = np.inf, least_density: float = 0.0
+                    ) -> OnboardCatalog:
+    """Return build_onboard_catalog() of a camera, with the resolution of its pixels."""
     return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
                                  merge_rad=MERGE_PX * camera.pixel_rad,
-                                 crowd_rad=CROWD_PX * camera.pixel_rad)
+                                 crowd_rad=CROWD_PX * camera.pixel_rad,
+                                 least_density=least_density)
 
 
 def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:

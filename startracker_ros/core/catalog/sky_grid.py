@@ -36,6 +36,30 @@ def sky_grid(direction: np.ndarray) -> SkyGrid:
                    np.argsort(cell, kind='stable').astype(np.int32))
 
 
+# The brightest stars of each cell: fewer make the cells, which one star may fill, too small.
+_CELL_STARS = 3
+
+
+def brightest_everywhere(direction: np.ndarray, density: float) -> np.ndarray:
+    """
+    Return the rows (M,) of the brightest stars of each part of the sky, density a steradian.
+
+    direction (N, 3) are unit vectors, brightest first.
+    """
+    side_rad = np.sqrt(_CELL_STARS / density)
+    bands = int(np.ceil(np.pi / side_rad))
+    declination = np.arcsin(np.clip(direction[:, 2], -1, 1))
+    band = np.minimum((declination / np.pi + 0.5) * bands, bands - 1).astype(int)
+    middle = ((np.arange(bands) + 0.5) / bands - 0.5) * np.pi
+    across = np.ceil(2 * np.pi * np.cos(middle) / side_rad).astype(int)
+    along = (np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi) + 0.5) * across[band]
+    cell = (np.cumsum(across) - across)[band] + along.astype(int) % across[band]
+    order = np.argsort(cell, kind='stable')
+    # The place of each star in its own cell.
+    place = np.arange(len(order)) - np.searchsorted(cell[order], cell[order])
+    return np.sort(order[place < _CELL_STARS])
+
+
 @inlined
 def _cells_about(grid: SkyGrid, coordinate: float, chord: float) -> tuple[int, int]:
     """Return the first and the last cell, along one axis, within chord of a coordinate."""

@@ -6,7 +6,8 @@ Spots of any shape: all flux above the background that is connected.
 
 Coma, trails, colour mosaics, clipping and compression give stars shapes that no model has. Every
 connected spot of the smoothed image above the threshold may be a star, the brightest ones first,
-unless it is as large as a cloud or a building. Its position is the centre of its flux, with an
+unless it is as large as a cloud or a building, or a part of the border of something bright: of the
+sky above trees, or of a lit wall. Its position is the centre of its flux, with an
 error that follows its size.
 """
 
@@ -26,6 +27,11 @@ _THRESHOLD_SIGMAS = 5.0
 _LEAST_DN = 1.5
 _MAX_SIDE_PX = 30.0  # of a spot, in an image of 1024 px; no star is as large
 _REFERENCE_PX = 1024
+# A spot is above all but a quarter of a ring this far outside it by half of its height at least.
+# The border of a straight edge is not.
+_RING_PX, _RING, _RING_HIGHEST, _RING_SHARE = 3.0, 16, 12, 0.5
+_TURN = 2 * np.pi * np.arange(_RING)[:, None] / _RING
+_RING_DIRECTIONS = np.hstack([np.cos(_TURN), np.sin(_TURN)])
 _SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
 _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
@@ -35,9 +41,8 @@ def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE) -> Centroids:
     image = readable(image)
     height, width = image.shape
     mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
-    above = image.astype(np.float32)
-    above -= over_image(mesh.level, image.shape)
-    smooth = cv2.GaussianBlur(above, (0, 0), _FILTER_SIGMA_PX)
+    level = over_image(mesh.level, image.shape)
+    smooth = cv2.GaussianBlur(image - level, (0, 0), _FILTER_SIGMA_PX)
     threshold = over_image(np.maximum(_THRESHOLD_SIGMAS * mesh.noise, _LEAST_DN), image.shape)
     pixel = np.flatnonzero(smooth > threshold)
     v, u = np.divmod(pixel, width)
@@ -45,8 +50,13 @@ def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE) -> Centroids:
     flux, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
     largest = _MAX_SIDE_PX * max(1.0, max(image.shape) / _REFERENCE_PX)
     total = np.bincount(spot, flux, count)
-    chosen = np.flatnonzero(_sides(spot, count, u, v) <= largest)
+    side = _sides(spot, count, u, v)
+    chosen = np.flatnonzero(side <= largest)
     centre = np.stack([np.bincount(spot, flux * x, count) / total for x in (u, v)], -1)
+    smooth += level
+    peak = np.zeros(count)
+    np.maximum.at(peak, spot, flux)
+    chosen = chosen[_isolated(smooth, level, centre[chosen], side[chosen], peak[chosen])]
     chosen = chosen[np.argsort(-total[chosen], kind='stable')]
     # Letters and lit windows are bright and close together.
     chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS, cell_share)]
@@ -68,6 +78,21 @@ def _sides(spot: np.ndarray, count: int, u: np.ndarray, v: np.ndarray) -> np.nda
         np.maximum.at(high, spot, x)
         longer = np.maximum(longer, high - low + 1)
     return longer
+
+
+def _isolated(smooth: np.ndarray, level: np.ndarray, centre: np.ndarray, side: np.ndarray,
+              height: np.ndarray) -> np.ndarray:
+    """
+    Return whether spots (N,) stand out from their surroundings, not from a level alone.
+
+    smooth and level (H, W) are the filtered image and its background; centre (N, 2), side (N,) and
+    the height (N,) above the level are those of the spots.
+    """
+    at = centre[:, None] + (side / 2 + _RING_PX)[:, None, None] * _RING_DIRECTIONS
+    u, v = np.rint(at).astype(int).clip(0, np.array(smooth.shape[::-1]) - 1).transpose(2, 0, 1)
+    around = np.partition(smooth[v, u], _RING_HIGHEST, axis=1)[:, _RING_HIGHEST]
+    u, v = np.rint(centre).astype(int).T
+    return level[v, u] + height - around > _RING_SHARE * height
 
 
 def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

@@ -42,7 +42,9 @@ from startracker_ros.core.stored_arrays import prepare
 LENS_ERROR = 0.12
 """How far the focal length of the fitted lens may be from that of the quad, as a share."""
 
-_LOWEST_DEG, _HIGHEST_DEG = 1.0, 120.0
+LOWEST_DEG, HIGHEST_DEG = 0.6, 120.0
+"""Fields of view of the long side that are searched."""
+
 LIKELY_DEG = 25.0
 """That of the camera that stands for a photograph of which nothing is known."""
 
@@ -50,6 +52,8 @@ _LISTS = 2
 _STEP = 1.1
 _FIELDS_PER_CATALOGUE = 2
 _STARS_PER_FIELD = 30.0
+# So wide a field and all narrower ones have one catalogue, of all stars.
+_ALL_STARS_DEG = 1.15
 # What the images of a catalogue are like; other shapes see some more or fewer of its stars.
 _WIDTH, _HEIGHT = 1024, 768
 COARSEST_PIXEL_DEG = 0.3
@@ -78,7 +82,7 @@ class _Lens(NamedTuple):
 # a pixel in a side of 300 px; of pixels that are not square; of a wide lens half a step off.
 _PLANE_DEG, _PLANE_MOST_DEG, _WIDE_STEP = 10.0, 28.0, 1.1
 _TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
-_PLANE = _Lens(_PLANE_DEG, 1.0, _TOLERANCE, _LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
+_PLANE = _Lens(_PLANE_DEG, 1.0, _TOLERANCE, LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
 _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_STEP)
               for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
@@ -96,11 +100,12 @@ _SAME_PX = 1.5  # distance of a star in two lists
 
 def _half_tangents() -> np.ndarray:
     """Return the tangents (F,) of half the long side of each field."""
-    low, high = np.tan(np.radians([_LOWEST_DEG, _HIGHEST_DEG]) / 2)
+    low, high = np.tan(np.radians([LOWEST_DEG, HIGHEST_DEG]) / 2)
     return np.geomspace(low, high, int(np.ceil(np.log(high / low) / np.log(_STEP))) + 1)
 
 
 _TANGENTS = _half_tangents()
+_ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
 
 
 class _Field(NamedTuple):
@@ -236,13 +241,16 @@ class BlindIdentifier:
         return self._fields[key]
 
     def _onboard(self, field: int) -> OnboardCatalog:
-        widest = min(field // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
-                     + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
+        step = max(field, _ALL_STARS) // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
+        widest = min(step + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
         if widest not in self._catalogues:
             camera = _camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
             catalog = camera_catalog(camera, self._deep)
-            limit = limit_for(camera, catalog, _STARS_PER_FIELD)
-            self._catalogues[widest] = cached_brightest(catalog, camera, REFERENCE_YEAR, limit)
+            # As many everywhere, at least: quads of narrow fields have fainter stars far from
+            # the Milky Way.
+            self._catalogues[widest] = cached_brightest(
+                catalog, camera, REFERENCE_YEAR, limit_for(camera, catalog, _STARS_PER_FIELD),
+                _STARS_PER_FIELD / (camera.fov_x_rad * camera.fov_y_rad))
         return self._catalogues[widest]
 
 
@@ -288,9 +296,10 @@ def _in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
 def _lenses(shape: tuple[int, int], table: int) -> tuple[_Lens, ...]:
     """Return the lenses that are assumed of an image of shape (H, W) with a table."""
     height, width = shape
-    narrow = (_PLANE, *(_PLANE._replace(pixel_ratio=ratio, tolerance=_RATIO_TOLERANCE)
-                        for ratio in (chip_ratio(width, height) or 0.5, 2.0)))
-    return tuple(lens for lens in narrow + (_WIDE if table == 0 else ())
+    # Of telescopes all pixels are square.
+    others = (*(_PLANE._replace(pixel_ratio=ratio, tolerance=_RATIO_TOLERANCE)
+                for ratio in (chip_ratio(width, height) or 0.5, 2.0)), *_WIDE)
+    return tuple(lens for lens in (_PLANE, *(() if table else others))
                  if lens.low * lens.fov_deg < COARSEST_PIXEL_DEG * max(shape))
 
 

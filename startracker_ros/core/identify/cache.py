@@ -19,14 +19,14 @@ _PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'st
 
 
 def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                   magnitude_limit: float) -> OnboardCatalog:
+                   magnitude_limit: float, least_density: float = 0.0) -> OnboardCatalog:
     """Return onboard_catalog() and its grid from the cache, or build and store them."""
     def build() -> dict[str, np.ndarray]:
-        onboard = onboard_catalog(catalog, camera, epoch_year, magnitude_limit)
+        onboard = onboard_catalog(catalog, camera, epoch_year, magnitude_limit, least_density)
         return {**{name: getattr(onboard, name) for name in _COLUMNS},
                 'cells': np.array(onboard.grid.cells), 'crowd_rad': np.array(onboard.crowd_rad),
                 'start': onboard.grid.start, 'member': onboard.grid.member}
-    key = digest(catalog.digest, camera.pixel_rad, epoch_year, magnitude_limit)
+    key = digest(catalog.digest, camera.pixel_rad, epoch_year, magnitude_limit, least_density)
     stored = stored_arrays('catalogue', key, build)
     arrays = stored.arrays
     onboard = OnboardCatalog(**{name: arrays[name] for name in _COLUMNS},
@@ -38,12 +38,12 @@ def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
 
 
 def cached_brightest(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                     magnitude_limit: float) -> OnboardCatalog:
+                     magnitude_limit: float, least_density: float = 0.0) -> OnboardCatalog:
     """Return cached_onboard() of the stars of a large catalogue that have a part in it."""
     bright = catalog.brighter_than(magnitude_limit + CROWD_MAGNITUDES)
     # That of its columns takes long for each of many limits.
     vars(bright).update(digest=digest(catalog.digest, len(bright)))
-    return cached_onboard(bright, camera, epoch_year, magnitude_limit)
+    return cached_onboard(bright, camera, epoch_year, magnitude_limit, least_density)
 
 
 def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,

@@ -22,7 +22,8 @@ galactic pole then has as many quads as one in the Milky Way.
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
+from startracker_ros.core.catalog.sky_grid import (
+    brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.compiled import compiled, inlined
 from startracker_ros.core.identify.support import squared_chord
@@ -34,7 +35,6 @@ _CROWD = 1 / 60
 # Of the stars between A and B the brightest.
 _INNER = 4
 _FEWEST_STARS = 150
-_CELL_STARS = 3
 # Cells of the codes along x, 0 to 1, and along y, -1 to 1.
 _CELLS_X, _CELLS_Y = 26, 52
 
@@ -81,7 +81,7 @@ def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: fl
     parts, side_rad = [], np.radians(least_deg)
     while side_rad < np.radians(most_deg) * 0.999:
         if even:
-            bright = _brightest_of_cells(direction, side_rad * np.sqrt(_CELL_STARS / density))
+            bright = brightest_everywhere(direction, density / side_rad ** 2)
         else:
             bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS))
             bright = bright[:len(direction)]
@@ -94,21 +94,6 @@ def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: fl
     start = np.zeros((_CELLS_X * _CELLS_Y) ** 2 + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
     return QuadTable(code[order], quad[order], side[order], start)
-
-
-def _brightest_of_cells(direction: np.ndarray, side_rad: float) -> np.ndarray:
-    """Return the rows of the _CELL_STARS first stars (N, 3) of each cell of about this side."""
-    bands = int(np.ceil(np.pi / side_rad))
-    declination = np.arcsin(np.clip(direction[:, 2], -1, 1))
-    band = np.minimum((declination / np.pi + 0.5) * bands, bands - 1).astype(int)
-    middle = ((np.arange(bands) + 0.5) / bands - 0.5) * np.pi
-    across = np.ceil(2 * np.pi * np.cos(middle) / side_rad).astype(int)
-    along = (np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi) + 0.5) * across[band]
-    cell = (np.cumsum(across) - across)[band] + along.astype(int) % across[band]
-    order = np.argsort(cell, kind='stable')
-    # The place of each star in its own cell.
-    place = np.arange(len(order)) - np.searchsorted(cell[order], cell[order])
-    return np.sort(order[place < _CELL_STARS])
 
 
 def _not_crowded(direction: np.ndarray, radius_rad: float) -> np.ndarray:

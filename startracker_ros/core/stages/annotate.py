@@ -5,6 +5,7 @@
 
 import cv2
 import numpy as np
+from startracker_ros.core.catalog.deep import star_name
 from startracker_ros.core.catalog.names import BRIGHT_STARS
 
 # Two ticks, right of the star and below it, leave the star itself free.
@@ -47,7 +48,8 @@ def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
         colour = IDENTIFIED if number else FOUND
         cv2.circle(picture, centre, round(_CIRCLE_PX * size), colour, labels.thick, cv2.LINE_AA)
         if number:
-            labels.write(picture, BRIGHT_STARS.get(int(number), f'HIP {number}'), centre, colour)
+            name = BRIGHT_STARS.get(int(number)) or star_name(int(number))
+            labels.write(picture, name, centre, colour)
     return picture
 
 

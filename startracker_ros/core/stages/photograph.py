@@ -32,6 +32,8 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 # Of the nominal camera, and of any field; a fisheye is certain.
 _SEARCHES = 2
 _FISHEYE_DEG = 180.0
+# A wider lens is mostly a fisheye, some of whose stars another lens explains: all are searched.
+_WIDEST_DEG = 90.0
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -88,22 +90,29 @@ class PhotographSolver:
         if first.coarse:
             return Solution.none(first.camera, extraction.centroids, 'too_small', first.coarse)
         rejected = ''
+        best: Solution | None = None
         for search in searches:
             solved, why_not = _first_lens(search.identify(detections), search.fov_error)
             rejected = rejected or why_not
             if solved is None:
-                mirrored = _mirrored(detections, search, width)
+                mirrored = '' if best else _mirrored(detections, search, width)
                 if mirrored:
                     return Solution.none(
                         first.camera, max(detections, key=len), 'mirrored', mirrored)
                 continue
             attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
-            if not lens.rejected:
-                found = _identification(attempt, lens, search.attempts * _SEARCHES, observer)
-                return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
+            if lens.rejected:
+                rejected = lens.rejected
+                continue
+            found = _identification(attempt, lens, search.attempts * _SEARCHES, observer)
+            if best is None or lens.matched > best.matched:
+                best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
                                 SkyMapping(lens.camera, lens.axis_quaternion), seen,
                                 None if search is first else nominal)
-            rejected = lens.rejected
+            if best.fov_deg <= _WIDEST_DEG:
+                break
+        if best is not None:
+            return best
         most = max(detections, key=len)
         unexplained = (f'{len(most)} spots, no lens of '
                        f'{" and none of ".join(search.fields for search in searches)} explains '
@@ -134,7 +143,8 @@ def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: 
         Camera.from_fov(width, height, likely_deg),
         lambda lists: identify(lists, shape),
         lambda lists: identifier.identify_quickly(lists, shape),
-        blind.LENS_ERROR, blind.ATTEMPTS, '1 to 120 deg')
+        blind.LENS_ERROR, blind.ATTEMPTS,
+        f'{blind.LOWEST_DEG:g} to {blind.HIGHEST_DEG:g} deg')
 
 
 def _any_fisheye(identifier: FisheyeIdentifier, shape: tuple[int, int]) -> _Search:

@@ -132,8 +132,8 @@ Examples:
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge; one that '
-              'does not fit is dropped.  [default: EXIF, then a search from 1 to 120 deg, then of '
-              'fisheyes]')
+              'does not fit is dropped.  [default: EXIF, then a search from 0.6 to 120 deg, then '
+              'of fisheyes]')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')

@@ -37,7 +37,7 @@ def solve(image: Image, fov_deg: float | None = None,
     """
     Return attitude and lens of an image, as `startracker solve` does.
 
-    fov_deg is the horizontal field of view; without it the file has it, or a search from 1 to
+    fov_deg is the horizontal field of view; without it the file has it, or a search from 0.6 to
     120 deg and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
     by default 5, of a calibrated camera 0.5.
     epoch is the Julian year or the time, UTC where it names no zone: without it that of the file,

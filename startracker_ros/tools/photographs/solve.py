@@ -131,7 +131,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
-    from 1 to 120 deg and fisheyes are searched where that is unknown or does not fit. epoch_year
+    from 0.6 to 120 deg and fisheyes are searched where that is unknown or does not fit. epoch_year
     None is the time of each image by EXIF, else today. mirror flips each image from left to right
     first; the result is that of the flipped image. A mirrored FITS image whose header has no
     ROWORDER has its first row at the top. selection is that of the frames of videos and of

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
+from startracker_ros.core.catalog.sky_grid import (
+    brightest_everywhere, count_in_image, count_near, nearest, sky_grid)
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
 
 
@@ -66,3 +67,18 @@ def test_stars_in_a_fisheye_are_counted(directions):
 
 def test_an_empty_sky_has_no_nearest_star():
     assert nearest(sky_grid(np.empty((0, 3))), 0.0, 0.0, 1.0, 1.0)[0] == -1
+
+
+@pytest.mark.parametrize('count', [1, 3, 500])
+def test_the_brightest_of_each_part_of_the_sky_are_few_and_everywhere(count):
+    direction, asked = (np.random.default_rng(seed).standard_normal((size, 3))
+                        for seed, size in ((5, count), (6, 300)))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    chosen = brightest_everywhere(direction, 3 / np.radians(30.0) ** 2)
+    assert (np.diff(chosen) > 0).all() and chosen[0] == 0
+    if count == 500:
+        # Of some 50 cells of 30 deg three each; no direction is far from all of them.
+        assert 100 < len(chosen) < 200
+        asked /= np.linalg.norm(asked, axis=1, keepdims=True)
+        nearest_star = (asked @ direction[chosen].T).max(axis=1)
+        assert np.degrees(np.arccos(nearest_star.min())) < 40

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.core.maths.rotation import (
-    attitude_error, matrix_from_quaternion, random_attitude)
+    attitude_error, matrix_from_quaternion, quaternion_from_pointing, random_attitude)
 
 WIDTH, HEIGHT, EPOCH_YEAR = 1392, 1040, 2030.0
 SHAPE = HEIGHT, WIDTH
@@ -79,6 +79,42 @@ def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
                 solved += 1
                 break
     assert solved >= 8
+
+
+def test_a_narrow_field_far_from_the_milky_way_is_found_behind_haze(identifier):
+    """The stars of one side have a tenth of their light: most that are seen are faint."""
+    rng, camera, catalog = np.random.default_rng(5), Camera.from_fov(
+        WIDTH, HEIGHT, 3.3), load_deep_catalog()
+    direction, solved = catalog.directions(EPOCH_YEAR), 0
+    for _ in range(10):
+        # Some 60 deg from the galactic equator.
+        q = quaternion_from_pointing(*np.radians(rng.uniform([185, 20, 0], [215, 50, 360])))
+        sensor = direction @ matrix_from_quaternion(q)
+        uv = camera.project(sensor)
+        seen = camera.contains(uv) & (sensor[:, 2] > 0)
+        flux = 10 ** (-0.4 * catalog.magnitude[seen] - 1.0 * (1 - uv[seen, 0] / WIDTH))
+        stars = centroids(uv[seen] + rng.normal(0, NOISE_PX, (seen.sum(), 2)), flux)
+        for attempt in identifier.identify([stars.select(np.arange(40))], SHAPE):
+            lens = learn_lens(attempt, LENS_ERROR)
+            if not lens.rejected:
+                assert np.hypot(*attitude_error(lens.attitude.quaternion, q)[:2]) < 1e-4
+                solved += 1
+                break
+    assert solved >= 9
+
+
+@pytest.mark.parametrize('ra_deg, dec_deg', [(130.1, 19.67), (34.9, 57.1), (83.8, -5.4)])
+def test_a_cluster_is_found_in_a_field_below_a_degree(identifier, ra_deg, dec_deg):
+    """Praesepe, the double cluster in Perseus, and the sword of Orion."""
+    camera, catalog = Camera.from_fov(WIDTH, HEIGHT, 0.85), load_deep_catalog()
+    q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, 20.0]))
+    sensor = catalog.directions(EPOCH_YEAR) @ matrix_from_quaternion(q)
+    uv = camera.project(sensor)
+    seen = camera.contains(uv) & (sensor[:, 2] > 0)
+    stars = centroids(uv[seen], 10 ** (-0.4 * catalog.magnitude[seen]))
+    lens = learn_lens(next(identifier.identify([stars], SHAPE)), LENS_ERROR)
+    assert not lens.rejected
+    assert np.hypot(*attitude_error(lens.attitude.quaternion, q)[:2]) < 1e-4
 
 
 @pytest.mark.parametrize('spots', [4, 12, 60])

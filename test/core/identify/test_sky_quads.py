@@ -7,8 +7,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from startracker_ros.core.identify.sky_quads import (
-    _brightest_of_cells, _build, matching_quads, quad_code)
+from startracker_ros.core.identify.sky_quads import _build, matching_quads, quad_code
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
 
 ANYTHING = 0.1, 10.0
@@ -94,18 +93,6 @@ def test_cells_give_a_poor_sky_as_many_quads_as_a_rich_one():
     assert poor[0] < 0.01 and 0.4 < poor[1] < 0.6
     # Not by more quads: those of crowds are left out.
     assert quads[1] < quads[0]
-
-
-@pytest.mark.parametrize('count', [1, 3, 500])
-def test_the_brightest_of_each_cell_are_few_and_everywhere(count):
-    direction = sky(count)
-    chosen = _brightest_of_cells(direction, np.radians(30.0))
-    assert (np.diff(chosen) > 0).all() and chosen[0] == 0
-    if count == 500:
-        # Of some 50 cells three each; no direction is far from all of them.
-        assert 100 < len(chosen) < 200
-        nearest = (sky(300, 6) @ direction[chosen].T).max(axis=1)
-        assert np.degrees(np.arccos(nearest.min())) < 40
 
 
 def test_a_table_finds_what_a_search_of_all_its_codes_finds():
