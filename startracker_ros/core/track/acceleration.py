@@ -41,13 +41,17 @@ STEADY, TORQUE, OSCILLATION = 0, 1, 2
 DIFFERENCE = (0.0, 1.0, -2.0, 1.0, 0.0)
 """Weights of attitudes in the newest second difference: of the next frame, and of four before."""
 
-FRAMES, WEIGHT, PRODUCT, ENERGY, B, B_SIGMA = 0, 1, 2, 3, 4, 5
-"""Numbers of a Memory: differences in a row; weight of the squares; sums of the fit of b; b."""
+FRAMES, WEIGHT, FITTED, B, B_SIGMA = 0, 1, 2, 3, 4
+"""Numbers of a Memory: differences in a row; weight of the squares, and of the sums; b."""
+
+BOTH, PRODUCT, ENERGY = 0, 1, 2
+"""Sums of the fit of b: of (a_k + a_k-2)^2, of a_k-1 (a_k + a_k-2) and of a_k-1^2."""
 
 STREAK_PX = 15.0
 """Length of a streak from which on a fit sees rather its ends; computed for a width of 1 px."""
 
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
+FIRST_WEIGHT = 5.0  # frames to which b is fitted at once
 LEAST_WEIGHT = 5.0  # frames from which on a jump differs from a motion that has started
 JUMP_FRAMES = 5  # after a jump more probable than not, in which there is no other one
 LEAST_B = -1.0  # of an oscillation that is predicted ahead: three frames in a period
@@ -57,6 +61,12 @@ ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a
 UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
 fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
+
+WHITE_SIGMAS = 2.0
+"""Standard deviations of a mean squared error by chance, beyond which single attitudes err."""
+
+SLOW_B = 1.8  # 14 frames in a period: a slower oscillation may be a torque, which may end
+ROOM_SIGMAS = 3.0  # of the normal distribution, of chi-square that is too small by chance
 
 MISSED = 1e-3
 """Probability of an error by a jump beyond those sigma that is left to chance: most frames have
@@ -71,19 +81,21 @@ class Memory(NamedTuple):
     What is remembered of the frames before; the arrays are changed in place.
 
     recent (2, 3) are the last two accelerations, the newest first; square and peak (3, 3) are the
-    sum of the squared errors and the largest error of each way about each axis; numbers (6,).
+    sum of the squared errors and the largest error of each way about each axis; sums (3, 3) are
+    those of the fit of b about each axis; numbers (5,).
     """
 
     recent: np.ndarray
     square: np.ndarray
     peak: np.ndarray
+    sums: np.ndarray
     numbers: np.ndarray
 
     @classmethod
     def empty(cls) -> 'Memory':
         """Return that before the first frame."""
-        return cls(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
-                   np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0]))
+        return cls(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
+                   np.array([0.0, 0.0, 0.0, 2.0, 0.0]))
 
 
 class Estimate(NamedTuple):
@@ -94,6 +106,8 @@ class Estimate(NamedTuple):
     changes as by the constant acceleration mean, both zero where they are not sure: a swinging
     body has another one by then. variance is that of value, in rad^2/s^4; process the part of it
     that is significant, for the process noise of a filter; unsteady what of that no way predicts.
+    white is the largest variance, in rad^2/s^4, of errors of single attitudes over dt^2, another
+    one in each frame, that the errors of an oscillation leave room for, infinity without one.
     """
 
     way: int
@@ -103,6 +117,7 @@ class Estimate(NamedTuple):
     variance: np.ndarray
     process: np.ndarray
     unsteady: np.ndarray
+    white: np.ndarray
 
 
 class Shift(NamedTuple):
@@ -117,7 +132,7 @@ class Shift(NamedTuple):
     share: float
 
 
-_NOTHING = Estimate(STEADY, *[np.zeros(3)] * 6)
+_NOTHING = Estimate(STEADY, *[np.zeros(3)] * 7)
 
 
 class AngularAcceleration:
@@ -141,7 +156,7 @@ class AngularAcceleration:
             variance = memory.square[STEADY] / memory.numbers[WEIGHT]
             self.estimate = Estimate(
                 STEADY, np.zeros(3), np.zeros(3), np.zeros(3), variance, variance,
-                self.estimate.unsteady)
+                self.estimate.unsteady, self.estimate.white)
 
     def start(self, stamp_ns: int, quaternion: np.ndarray, rate_rad_s: np.ndarray) -> None:
         """Begin by the attitude (4,) of a frame and the mean rate (3,) since the one before."""
@@ -178,6 +193,11 @@ class AngularAcceleration:
         """Whether enough frames have shown how the body accelerates."""
         return bool(self._memory.numbers[WEIGHT] >= LEAST_WEIGHT)
 
+    @property
+    def white_rad2(self) -> np.ndarray:
+        """Return the largest variance (3,) of errors of attitudes, another one in each frame."""
+        return self.estimate.white * self._dt_s ** 4 if self.is_known else np.full(3, np.inf)
+
     def jump_within(self, exposure_s: tuple[float, float]) -> float:
         """Return the probability of a jump of the rate within the last exposure."""
         if math.isnan(self._dt_s):
@@ -202,58 +222,83 @@ class AngularAcceleration:
 @compiled
 def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, since_jump: int
                    ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
-                              np.ndarray]:
+                              np.ndarray, np.ndarray]:
     """
     Add a difference (3,) of attitudes of covariance noise (3, 3) over dt^4; return an Estimate.
 
     It is since_jump frames after a jump. The ways predict by weights of the attitudes before; the
     error that is measured is that of the next difference and of its prediction.
     """
-    recent, square, peak, numbers = memory
+    recent, square, peak, sums, numbers = memory
     frames, b = int(numbers[FRAMES]), numbers[B]
     known = since_jump > 1 or numbers[WEIGHT] < LEAST_WEIGHT
     if known:
         # Two differences have a part of a jump, and no other one will.
         numbers[WEIGHT] = MEMORY * numbers[WEIGHT] + 1
-    mean_error = 0.0
-    if frames > 1:
-        numbers[PRODUCT] *= MEMORY
-        numbers[ENERGY] *= MEMORY
+    fits = frames > 1 and since_jump > 3
+    if fits:
+        numbers[FITTED] = MEMORY * numbers[FITTED] + 1
     for axis in range(3):
         a, last, oldest = acceleration[axis], recent[0, axis], recent[1, axis]
         if frames < 1:
             last = 0.0
-        swung = b * last - oldest if frames > 1 else last
         for way in range(3):
-            error = a - (0.0 if way == STEADY else last if way == TORQUE else swung)
+            error = a
+            if way == TORQUE or way == OSCILLATION and frames < 2:
+                error -= last
+            elif way == OSCILLATION:
+                error -= b * last - oldest
             if known:
                 square[way, axis] = MEMORY * square[way, axis] + error * error
                 # The first errors are those of a motion that is not known yet.
                 if numbers[WEIGHT] >= LEAST_WEIGHT:
                     peak[way, axis] = max(PEAK_MEMORY * peak[way, axis], abs(error))
-        mean_error += square[OSCILLATION, axis] / noise[axis, axis]
-        if frames > 1:
-            numbers[PRODUCT] += last * (a + oldest) / noise[axis, axis]
-            numbers[ENERGY] += last * last / noise[axis, axis]
+        if fits:
+            both = a + oldest
+            sums[BOTH, axis] = MEMORY * sums[BOTH, axis] + both * both
+            sums[PRODUCT, axis] = MEMORY * sums[PRODUCT, axis] + last * both
+            sums[ENERGY, axis] = MEMORY * sums[ENERGY, axis] + last * last
         recent[1, axis], recent[0, axis] = last, a
-    if frames > 1:
-        numbers[B] = min(max(numbers[PRODUCT] / numbers[ENERGY], -2.0), 2.0)
-        numbers[B_SIGMA] = math.sqrt(
-            mean_error / max(numbers[WEIGHT], 1.0) / numbers[ENERGY])
+    if numbers[FITTED] > 1:
+        _fit_oscillation(memory, noise)
     numbers[FRAMES] = frames + 1
     return _best_way(memory, noise, since_jump)
 
 
 @compiled
+def _fit_oscillation(memory: Memory, noise: np.ndarray) -> None:
+    """
+    Fit b, and in the first frames set the squared errors of that way to those with this b.
+
+    Those by the b of the frames before are of a motion that was not known yet.
+    """
+    _, square, _, sums, numbers = memory
+    product = energy = error = 0.0
+    for axis in range(3):
+        product += sums[PRODUCT, axis] / noise[axis, axis]
+        energy += sums[ENERGY, axis] / noise[axis, axis]
+    b = numbers[B] = min(max(product / energy, -2.0), 2.0)
+    # A body that swings about one axis fits one b to as many values.
+    weight = numbers[WEIGHT] / (numbers[FITTED] - 1)
+    for axis in range(3):
+        if numbers[FITTED] <= FIRST_WEIGHT:
+            square[OSCILLATION, axis] = weight * max(
+                sums[BOTH, axis] - b * (2 * sums[PRODUCT, axis] - b * sums[ENERGY, axis]), 0.0)
+        error += square[OSCILLATION, axis] / noise[axis, axis]
+    numbers[B_SIGMA] = math.sqrt(error / numbers[WEIGHT] / energy)
+
+
+@compiled
 def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
               ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
-                         np.ndarray]:
+                         np.ndarray, np.ndarray]:
     """Return the Estimate in the way of the least variance."""
-    recent, square, peak, numbers = memory
+    recent, square, peak, _, numbers = memory
     weight, b, two = numbers[WEIGHT], numbers[B], numbers[FRAMES] > 1
     best, least = STEADY, np.inf
     value, ahead, mean, variance = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    process, unsteady = np.zeros(3), np.zeros(3)
+    process, unsteady, white = np.zeros(3), np.zeros(3), np.zeros(3)
+    room = _room(numbers[FITTED] - 1)
     for way in range(3):
         own2 = chance2 = 0.0
         for k in range(5):
@@ -280,17 +325,24 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             significant = max(excess - SIGNIFICANT * math.sqrt(2 / weight) * chance, 0.0)
             unsteady[axis] = significant * min(
                 significant * weight / max(square[STEADY, axis], 1e-300), 1.0)
+            left = excess > WHITE_SIGMAS * math.sqrt(2 / weight) * chance
+            white[axis] = room * excess / chance2 if left else 0.0
+            if way != OSCILLATION or not LEAST_B < b <= SLOW_B:
+                # Stamps that err to and fro look like an oscillation of two frames in a period.
+                white[axis] = np.inf
             last = recent[0, axis]
-            value[axis] = 0.0 if way == STEADY else last
+            value[axis], doubt2 = 0.0 if way == STEADY else last, 0.0
             if way == OSCILLATION and two:
                 value[axis] = b * last - recent[1, axis]
+                doubt2 = (numbers[B_SIGMA] * last) ** 2
+                variance[axis] += doubt2
             ahead[axis] = mean[axis] = value[axis]
             size2 = value[axis] ** 2
             if way == OSCILLATION and two and b > LEAST_B:
                 ahead[axis], mean[axis], size2 = _swing(value[axis], last, b)
             process[axis] = significant
             if way != STEADY:
-                process[axis] = (max(excess, 0.0) + own_variance
+                process[axis] = (max(excess, 0.0) + own_variance + doubt2
                                  + (ENDS * value[axis]) ** 2)
             if size2 <= SURE_SIGMAS ** 2 * variance[axis]:
                 # A vibration that the frames hardly show would give the rate of its guess.
@@ -299,7 +351,17 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             if since_jump == 1:
                 # The rest of a jump, or a torque that has started.
                 variance[axis] += last * last
-    return best, value, ahead, mean, variance, process, unsteady
+    return best, value, ahead, mean, variance, process, unsteady, white
+
+
+@compiled
+def _room(freedom: float) -> float:
+    """Return the largest variance over the mean of so many squares (Wilson and Hilferty)."""
+    if freedom <= 0:
+        return np.inf
+    variance = 2 / (9 * freedom)
+    least = 1 - variance - ROOM_SIGMAS * math.sqrt(variance)
+    return least ** -3 if least > 0 else np.inf
 
 
 @compiled
@@ -346,6 +408,9 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     for axis in range(3):
         covariance[axis, axis] += ((mean ** 2 + doubt ** 2) * estimate.variance[axis]
                                    + UNSTEADY ** 2 * most_s * dt_s ** 3 * estimate.unsteady[axis])
+    if swings and b < LEAST_B:
+        # Of so fast an oscillation the frames do not tell the frequency: others look the same.
+        covariance += (UNSTEADY * mean) ** 2 * np.outer(seen, seen)
     newest = 0.0 if estimate.way == STEADY else 1.0
     if swings and memory.numbers[FRAMES] > 1:
         newest = b

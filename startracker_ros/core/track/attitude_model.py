@@ -13,6 +13,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState, Predicti
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro
 from startracker_ros.core.attitude.result import pointing_covariance
+from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
@@ -120,7 +121,7 @@ class AttitudeModel(StarModel):
         for hypothesis in self._hypotheses(stamp_ns, sparse):
             predicted = _with_error(hypothesis.state, common)
             correction = correct(
-                self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
+                self.lens, icrf, self.bank.confirmed, self._options.min_stars,
                 predicted, uv, error, self._detection)
             measured = correction.state
             # The stars show the pointing up to the error that they share.
@@ -143,12 +144,14 @@ class AttitudeModel(StarModel):
             self._mixture = mixture
             # All of it may be light of a jump that has hardly moved the body.
             self._moved = rotation_between(predicted.quaternion, state.quaternion)
-            self._stamp_jitter.add(self._state, predicted, correction.state, measured)
+            self._stamp_jitter.add(self._state, predicted, correction.state, measured,
+                                   self._acceleration.white_rad2)
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
-            self._lens_error.add(seen, residuals)
             self._scale.add(correction.typical)
+            if self._lens_error.add(seen, residuals):
+                self._scale.restart()
             self._diverged = 0
             self._check_covariance()
             if not self.uses_gyro:
@@ -263,7 +266,7 @@ class AttitudeModel(StarModel):
         if bank is not self.bank:
             icrf = icrf[correction.inside]
         after = followed(
-            self._camera.lens, self._state, icrf, bank.variance, bank.missed, bank.confirmed,
+            self.lens, self._state, icrf, bank.variance, bank.missed, bank.confirmed,
             correction.predicted, correction.probability, correction.distance, correction.best,
             measured)
         self.bank = bank.with_association(after.track, after.covariance, after.association)
@@ -278,12 +281,16 @@ class AttitudeModel(StarModel):
         self._state, self.uses_gyro = state, uses_gyro
 
     @property
+    def lens(self) -> Lens:
+        return self._lens_error.lens
+
+    @property
     def lens_error_px(self) -> float:
         return self._lens_error.value_px
 
     @property
     def lens_scale(self) -> float:
-        return self._lens_error.scale
+        return self._lens_error.scale_sigma
 
     @property
     def stamp_sigma_s(self) -> float:
@@ -407,6 +414,10 @@ class _ErrorScale:
     def __init__(self, scale: float) -> None:
         self._ratio = self.value = scale
         self._frames = 1
+
+    def restart(self) -> None:
+        """Begin anew at the next frame: a better lens is known from now on."""
+        self._frames = 0
 
     def add(self, typical: float) -> None:
         """Add the median of the residuals of a good frame, over sigma times value."""

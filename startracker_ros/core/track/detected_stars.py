@@ -70,18 +70,19 @@ def relative_scale(outwards: float, square: float) -> float:
 
 
 @compiled
-def add_residuals(memory: LensMemory, star_index: np.ndarray, stars: Residuals, axis: np.ndarray
-                  ) -> LensMemory:
+def add_residuals(memory: LensMemory, star_index: np.ndarray, stars: Residuals, axis: np.ndarray,
+                  scale: float) -> LensMemory:
     """
     Return the memory after a frame of residuals of catalogue entries (K,), axis (2,) px.
 
+    The residuals are those beside a scale, and outwards is that of all of it.
     Of a star in both frames the mean product of two axes, p = r_k . r_k-1 / 2, has the weight
     w = 1 / (v_k v_k-1), and by chance the variance w / 2 of w p.
     """
     sums = lens_sums(stars.uv, stars.residual, stars.error, stars.flow, axis)
-    outwards = MEMORY * memory.outwards + sums.outwards
+    outwards = MEMORY * memory.outwards + sums.outwards + scale * sums.square
     square = MEMORY * memory.square + sums.square
-    residual = sums.residual - relative_scale(outwards, square) * sums.away
+    residual = sums.residual - (relative_scale(outwards, square) - scale) * sums.away
     product = weight = chance = 0.0
     pairs = 0
     for now in range(len(star_index)):

@@ -25,10 +25,14 @@ BRIGHT_STARS = 64
 
 
 class StarsInView:
-    """The catalogue stars of a camera around attitudes that change little from one to the next."""
+    """
+    The catalogue stars of a camera around attitudes that change little from one to the next.
+
+    lens is that of the camera, unless a better one is known.
+    """
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog) -> None:
-        self.camera = camera
+        self.camera, self.lens = camera, camera.lens
         self.onboard = onboard
         self._version: object = None
         self._centre = np.zeros(3)
@@ -44,7 +48,7 @@ class StarsInView:
         """
         matrix = self._around(attitude)
         return _in_view(self._near, self._all_directions(sky), matrix, self._cos_radius,
-                        self.camera.lens)
+                        self.lens)
 
     def unexplained(self, sky: ApparentCatalog, attitude: AttitudeEstimate, uv: np.ndarray,
                     sigma_px: np.ndarray, reach_px: float, reach_sigmas: float) -> np.ndarray:
@@ -53,7 +57,7 @@ class StarsInView:
 
         Near is within reach_px, or within reach_sigmas of sigma_px (N,).
         """
-        arguments = (self._around(attitude), self._cos_radius, self.camera.lens,
+        arguments = (self._around(attitude), self._cos_radius, self.lens,
                      np.ascontiguousarray(uv), np.ascontiguousarray(sigma_px), reach_px,
                      reach_sigmas)
         left = _unexplained(sky.direction(self._near[:BRIGHT_STARS]), *arguments,
@@ -71,7 +75,7 @@ class StarsInView:
         matrix = self._around(attitude)
         return _in_view_beside(
             self._near, self._natural, self._all_directions(sky), matrix, self._cos_radius,
-            self.camera.lens, np.ascontiguousarray(uv), self._cos_reach(reach_px))
+            self.lens, np.ascontiguousarray(uv), self._cos_reach(reach_px))
 
     def bright(self, sky: ApparentCatalog, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -97,7 +101,7 @@ class StarsInView:
 
     def _around_spots(self, matrix: np.ndarray, uv: np.ndarray, reach_px: float) -> np.ndarray:
         """Return the stars within reach_px of pixels uv (N, 2), and others around them."""
-        return self._near[_beside(self._natural, matrix, self.camera.lens,
+        return self._near[_beside(self._natural, matrix, self.lens,
                                   np.ascontiguousarray(uv), self._cos_reach(reach_px))]
 
     def _cos_reach(self, reach_px: float) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.systematic_errors import systematic_covariance
+from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -94,13 +95,18 @@ class StarModel(ABC):
         return None
 
     @property
+    def lens(self) -> Lens:
+        """Return the lens that the stars are predicted with."""
+        return self._camera.lens
+
+    @property
     def lens_error_px(self) -> float:
         """Return the error of star positions that stays from frame to frame, where it is known."""
         return 0.0
 
     @property
     def lens_scale(self) -> float:
-        """Return the relative error of the distances from the axis, where it is known."""
+        """Return the 1 sigma of the relative error of the distances from the axis."""
         return 0.0
 
     @property

@@ -22,7 +22,7 @@ def visible_stars(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEs
                   rate_rad_s: np.ndarray, faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
     index, direction, matrix = stars.bright(sky, attitude, faintest)
-    return _visible(direction, matrix, sky.crowded(index), stars.camera.lens,
+    return _visible(direction, matrix, sky.crowded(index), stars.lens,
                     np.ascontiguousarray(rate_rad_s))
 
 
@@ -55,7 +55,7 @@ def predict_stars(stars: StarsInView, sky: ApparentCatalog, stamp_ns: int,
     """Return the brightest stars in the image at an attitude, and how they move."""
     index, sensor, uv = stars.of(sky, attitude)
     chosen, velocity, sigma_px = _brightest(
-        stars.camera.lens, stars.onboard.magnitude[index], sensor, uv, options.magnitude_limit,
+        stars.lens, stars.onboard.magnitude[index], sensor, uv, options.magnitude_limit,
         int(SPARE_STARS * options.max_stars), np.ascontiguousarray(attitude.covariance_sensor),
         np.ascontiguousarray(rate_rad_s))
     return PredictedCentroids(stamp_ns, uv[chosen], velocity, sigma_px,

@@ -17,6 +17,7 @@ LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as th
 LEAST_PRODUCTS = 3
 # Times the variance of the measured time by the centroids, of many products and of few.
 SIGNIFICANT, FEW = 4.0, 20.0
+SHAKEN = 2.0  # times what a camera that shakes moves across its rate as well
 
 
 class Differences(NamedTuple):
@@ -25,19 +26,20 @@ class Differences(NamedTuple):
 
     left (3,) is the correction minus the measured turn of the last frame, with the sign reversed;
     step (3,) the measured turn between the last two; times_s and variances_s2 (FRAMES,) are t_k
-    and r of the newest frames, NaN in front of the first one.
+    and r of the newest frames, across_s (2, FRAMES) their u_k; NaN in front of the first one.
     """
 
     left: np.ndarray
     step: np.ndarray
     times_s: np.ndarray
     variances_s2: np.ndarray
+    across_s: np.ndarray
 
     @classmethod
     def empty(cls) -> 'Differences':
         """Return those before the first frame."""
         return cls(np.full(3, np.nan), np.full(3, np.nan), np.full(FRAMES, np.nan),
-                   np.full(FRAMES, np.nan))
+                   np.full(FRAMES, np.nan), np.full((2, FRAMES), np.nan))
 
 
 @compiled
@@ -65,51 +67,76 @@ def measured_turn(predicted: AttitudeState, corrected: AttitudeState
 
 @compiled
 def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeState,
-              corrected: AttitudeState, measured: AttitudeState, rate: np.ndarray,
-              interval_ratio: float) -> tuple[bool, float, float]:
+              corrected: AttitudeState, measured: AttitudeState, interval_ratio: float
+              ) -> tuple[bool, float, float]:
     """
     Add t_k of a frame to the memory; return the variance of the stamps and r, both s^2.
 
-    With the attitude a_k that measured has beside the prediction, its covariance R and the rate w
-    of stamp_jitter.py: r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k. interval_ratio is
-    dt_k / dt_k-1. The first is False where there is no such attitude, or w is zero.
+    With the attitude a_k that measured has beside the prediction, its covariance R and the
+    predicted rate w, as in stamp_jitter.py: r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k.
+    interval_ratio is dt_k / dt_k-1. The first is False where there is no such attitude, or w is
+    zero.
     """
+    rate = predicted.rate
     adds, turn, R = measured_turn(predicted, measured)
     if not adds or not rate.any():
         return False, np.nan, np.nan
     between = rotation_between(before.quaternion, predicted.quaternion)
     correction = rotation_between(predicted.quaternion, corrected.quaternion)
     information = inverse(R)
-    along, square = 0.0, 0.0
+    along, square, difference = 0.0, 0.0, np.zeros(3)
     for i in range(3):
         weight = 0.0
         for j in range(3):
             weight += information[i, j] * rate[j]
         step = between[i] + turn[i] - memory.left[i]
-        along += weight * (step - memory.step[i] * interval_ratio)
+        difference[i] = step - memory.step[i] * interval_ratio
+        along += weight * difference[i]
         square += weight * rate[i]
         memory.left[i], memory.step[i] = turn[i] - correction[i], step
     for k in range(FRAMES - 1):
         memory.times_s[k] = memory.times_s[k + 1]
         memory.variances_s2[k] = memory.variances_s2[k + 1]
+        for axis in range(2):
+            memory.across_s[axis, k] = memory.across_s[axis, k + 1]
     memory.times_s[-1], memory.variances_s2[-1] = along / square, 1 / square
-    return True, _stamp_variance(memory.times_s, memory.variances_s2), 1 / square
+    # One of x and y is across the rate, or both are.
+    axes = 1 + rate[2] ** 2 / (rate @ rate)
+    for axis in range(2):
+        memory.across_s[axis, -1] = (difference[axis] - rate[axis] * along / square) / math.sqrt(
+            axes * (rate @ rate))
+    return True, _stamp_variance(memory), 1 / square
 
 
 @compiled
-def _stamp_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> float:
+def _stamp_variance(memory: Differences) -> float:
     """Return s^2 out of the mean product of successive times, 0 where it is not significant."""
-    limit = LIMIT_SIGMAS * 1.4826 * np.nanmedian(np.abs(times_s))
-    product, products, noise, frames = 0.0, 0, 0.0, 0
-    for k in range(FRAMES):
-        if not math.isnan(variances_s2[k]):
-            noise += variances_s2[k]
-            frames += 1
-        if k and math.isfinite(times_s[k] * times_s[k - 1]):
-            product += (min(max(times_s[k], -limit), limit)
-                        * min(max(times_s[k - 1], -limit), limit))
-            products += 1
+    seen, noise, products = white_variance(memory.times_s, memory.variances_s2)
     if products < LEAST_PRODUCTS:
         return 0.0
-    seen, noise = -product / products / 4, noise / frames
-    return seen - noise if seen > (SIGNIFICANT + FEW / products) * noise else 0.0
+    significant, shaken = (SIGNIFICANT + FEW / products) * noise, 0.0
+    for axis in range(2):
+        shaken += white_variance(memory.across_s[axis], memory.variances_s2)[0]
+    shaken = shaken - noise if shaken > significant else 0.0
+    if seen <= significant + SHAKEN * shaken:
+        return 0.0
+    return seen - noise - shaken
+
+
+@compiled
+def white_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> tuple[float, float, int]:
+    """Return r + s^2 by times (FRAMES,), the mean r of variances (FRAMES,), and the products."""
+    limit = LIMIT_SIGMAS * 1.4826 * np.nanmedian(np.abs(times_s))
+    product, noise, total, products = 0.0, 0.0, 0.0, 0
+    for k in range(1, FRAMES):
+        if math.isfinite(times_s[k] * times_s[k - 1]):
+            # Where the body hardly turns a time says little.
+            weight = 1 / (variances_s2[k] * variances_s2[k - 1])
+            product += weight * (min(max(times_s[k], -limit), limit)
+                                 * min(max(times_s[k - 1], -limit), limit))
+            noise += math.sqrt(weight)
+            total += weight
+            products += 1
+    if not products:
+        return 0.0, 0.0, 0
+    return -product / total / 4, noise / total, products

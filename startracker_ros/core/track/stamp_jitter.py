@@ -14,7 +14,13 @@ second differences
 and R the covariance of a, t_k = w^T R^-1 e_k / (w^T R^-1 w) is the best estimate of their part
 along the rate as a time, and the mean of t_k t_k-1 is -4 (r + s^2), r = 1 / (w^T R^-1 w), s the
 standard deviation of the stamps. Changes of the rate make it zero or positive, so no manoeuvre is
-mistaken for an error of the stamps.
+mistaken for an error of the stamps. Times weigh by 1 / r: of a swinging body at its turning points
+they say nothing.
+
+A vibration moves the body to and fro as well. But where the differences of the frames before
+predict the next one (acceleration.py), it is no error of a stamp. A camera that is shaken at
+random moves across its rate as much as along it: with the part u_k of e_k that is across, as a
+time, s^2 is less by what -u_k u_k-1 / 4 is more than r.
 
 In the first frames the stamps may err by DOUBT_S: no more than the size of the few products so
 far leaves room for, whatever their signs. From DOUBT_FRAMES on only what that size shows counts,
@@ -47,7 +53,7 @@ class StampJitter:
     def __init__(self) -> None:
         self.sigma_s = 0.0
         self.turn_rad = np.zeros(3)
-        self._rate, self._frames = np.zeros(3), 0
+        self._rate, self._square, self._frames = np.zeros(3), np.zeros(3), 0
         self._differences = Differences.empty()
         self.interrupt()
 
@@ -58,19 +64,20 @@ class StampJitter:
         self._differences.step.fill(math.nan)
 
     def add(self, before: AttitudeState, predicted: AttitudeState, corrected: AttitudeState,
-            measured: AttitudeState) -> None:
+            measured: AttitudeState, white_rad2: np.ndarray) -> None:
         """
         Add a frame: the state of the frame before, the prediction, and the corrected one.
 
-        measured is the latter without errors that all stars share.
+        measured is the latter without errors that all stars share; white_rad2 (3,) is the largest
+        variance of errors that are another one in each frame.
         """
-        # The rate of one frame follows the error of its stamp.
         self._frames += 1
         self._rate = MEMORY * self._rate + (1 - MEMORY) * corrected.rate
+        self._square = MEMORY * self._square + (1 - MEMORY) * corrected.rate ** 2
         rate = self._rate / (1 - MEMORY ** self._frames)
         interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
         adds, learnt_s2, variance_s2 = add_frame(
-            self._differences, before, predicted, corrected, measured, rate,
+            self._differences, before, predicted, corrected, measured,
             interval_s / self._interval_s)
         if not adds:
             self.interrupt()
@@ -79,9 +86,16 @@ class StampJitter:
         # A few times that happen to agree do not end what many have shown.
         learnt_s2 = max(learnt_s2, MEMORY * self.sigma_s ** 2)
         self.sigma_s = math.sqrt(learnt_s2) if learnt_s2 > variance_s2 else 0.0
-        sigma_s = max(self.sigma_s, self._doubt_s())
+        most_s = self._most_s(white_rad2, np.diagonal(measured.covariance)[:3])
+        self.sigma_s = min(self.sigma_s, most_s)
+        sigma_s = min(max(self.sigma_s, self._doubt_s()), most_s)
         self.turn_rad = (sigma_s * max(rate, corrected.rate, key=np.linalg.norm)
                          if sigma_s else np.zeros(3))
+
+    def _most_s(self, white_rad2: np.ndarray, variance: np.ndarray) -> float:
+        """Return the largest standard deviation that errors (3,) of attitudes leave room for."""
+        square = self._square / (1 - MEMORY ** self._frames)
+        return math.sqrt((white_rad2 / variance).sum() / (square / variance).sum())
 
     def _doubt_s(self) -> float:
         """Return the standard deviation that the first frames do not exclude."""

@@ -311,6 +311,7 @@ class TrackFilter:
         self._enter(TrackerState.TRACKING, start.reason)
         self.hints.started(start)
         self._model.start(start)
+        self._stars.lens = self._model.lens
         most = slice(self._options.max_stars)
         self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
         self._seen = self._model.bank
@@ -348,6 +349,7 @@ class TrackFilter:
         self._before_ns, self._bank_stamp_ns = self._bank_stamp_ns, stamp_ns
         frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
         result = self._model.update(stamp_ns, frame, self._tracked_sky)
+        self._stars.lens = self._model.lens
         if self._model.failure:
             self._enter(TrackerState.LOST, self._model.failure)
             return

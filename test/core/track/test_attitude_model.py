@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, field
 
+from chi_square import check_mean
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -211,3 +212,36 @@ def test_a_tracker_reports_before_its_first_start(model):
     """As the node does when it receives camera_info."""
     tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(model=model), GYRO)
     assert tracker.stamp_sigma_s == 0.0
+
+
+def flown(motion, frames=80):
+    """Return errors (F, 3) and covariances (F, 3, 3) of a tracker of a nominal camera."""
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions())
+    errors, covariances = [], []
+    for frame in range(frames):
+        stamp_ns, centroids, hip = motion.frame(frame)
+        tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, hip)
+        elif tracker.attitude is not None:
+            attitude = tracker.attitude.attitude
+            errors.append(attitude_error(attitude.quaternion, motion.q(frame)))
+            covariances.append(attitude.covariance_sensor)
+    return np.array(errors), np.array(covariances)
+
+
+def nees(errors, covariances):
+    return np.einsum('fi,fij,fj->f', errors, np.linalg.inv(covariances), errors)
+
+
+def test_a_wrong_focal_length_is_taken_out():
+    runs = {ratio: [flown(Motion(ONBOARD, (0.1, 0.25, 0.1), seed=seed,
+                                 camera=CAMERA.with_focal_ratio(ratio))) for seed in range(6)]
+            for ratio in (1.0, 1.001)}
+    rms = {ratio: np.sqrt(np.mean([np.mean(errors[20:] ** 2, axis=0) for errors, _ in each], 0))
+           for ratio, each in runs.items()}
+    assert (rms[1.001] < 1.3 * rms[1.0]).all()
+    check_mean(3, *[nees(*run)[20:] for run in runs[1.001]], inflation=1.5)
+    # The first frame, by a lens of which nothing is known, says so.
+    assert (nees(*(np.concatenate([run[k][:20] for run in runs[1.001]]) for k in (0, 1)))
+            < chi2.ppf(1 - 1e-6, 3)).all()

@@ -22,12 +22,14 @@ def learnt(lens_px, frames, seed, turn_rad=0.0, scale=0.0):
     uv = rng.uniform(10, 1013, (30, 2))
     flow = image_jacobian(CAMERA, CAMERA.unproject(uv))
     stays = rng.normal(0, lens_px, (30, 2)) + flow @ np.full(3, turn_rad)
-    stays += scale * (uv - [CAMERA.cx, CAMERA.cy])
+    away = uv - [CAMERA.cx, CAMERA.cy]
+    stays += scale * away
     error = SIGMA_PX[:, None, None] ** 2 * np.eye(2)
     lens = LensError(CAMERA)
     for _ in range(frames):
         seen = np.sort(rng.choice(30, 27, replace=False))
-        residual = stays + rng.normal(0, 1, (30, 2)) * SIGMA_PX[:, None]
+        # The lens that was learnt so far has predicted the stars.
+        residual = stays - lens.scale * away + rng.normal(0, 1, (30, 2)) * SIGMA_PX[:, None]
         lens.add(seen, Residuals(uv[seen], residual[seen], error[seen], flow[seen],
                                  np.zeros((27, 2))))
     return lens
@@ -47,6 +49,9 @@ def test_what_stays_is_measured(lens_px):
 def test_a_scale_is_measured_and_is_no_error_of_single_stars():
     lenses = [learnt(0.0, 60, seed, scale=1e-3) for seed in range(20)]
     assert np.mean([lens.scale for lens in lenses]) == pytest.approx(1e-3, rel=0.02)
+    assert np.std([lens.scale for lens in lenses]) == pytest.approx(
+        np.mean([lens.scale_sigma for lens in lenses]), rel=0.5)
+    assert all(lens.lens.fx == (1 + lens.scale) * CAMERA.fx for lens in lenses)
     assert np.mean([lens.value_px > 0 for lens in lenses]) <= 0.1
     assert not any(learnt(0.0, 60, seed).scale for seed in range(20))
 

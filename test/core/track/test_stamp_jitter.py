@@ -65,3 +65,44 @@ def test_good_stamps_and_manoeuvres_are_no_error_of_the_stamps():
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed)[2] for seed in range(10))
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed, jerk_deg_s=0.1)[2] for seed in range(10))
     assert not any(flown(0.0, (0.0, 0.0, 0.0), seed)[2] for seed in range(5))
+
+
+class Swinging(Motion):
+    """A camera that swings within four frames and a half besides, along its rate or not."""
+
+    def q(self, frame):
+        angle = np.radians(0.01) * np.sin(2 * np.pi * frame / 4.5)
+        return multiply(super().q(frame), quaternion_from_rotation_vector([angle, 0.0, 0.0]))
+
+
+class Shaken(Motion):
+    """A camera that is somewhere else in each frame, by 0.01 deg about x and y."""
+
+    def q(self, frame):
+        shift = np.random.default_rng([self.seed, round(frame)]).normal(0, 1.0, 2)
+        return multiply(super().q(frame), quaternion_from_rotation_vector(
+            [*np.radians(0.01) * shift, 0.0]))
+
+
+def learnt(motion, frames=60):
+    """Return the sigma of the stamps, exact ones, after each frame of a motion."""
+    tracker, sigmas = TrackFilter(motion.camera, ONBOARD, TrackerOptions()), []
+    for frame in range(frames):
+        stamp_ns, centroids, hip = motion.frame(frame)
+        tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, hip)
+        sigmas.append(tracker.stamp_sigma_s)
+    return np.array(sigmas)[LEARNT_FRAMES:]
+
+
+@pytest.mark.parametrize('rate_deg_s', [(0.05, 0.1, 0.0), (0.0, 0.0, 0.0)])
+def test_an_oscillation_is_no_error_of_the_stamps(rate_deg_s):
+    sigmas = [learnt(Swinging(ONBOARD, rate_deg_s, seed=seed)) for seed in range(4)]
+    assert np.mean(np.array(sigmas) > 0) < 0.15
+
+
+def test_a_shaken_camera_is_no_error_of_the_stamps():
+    # Along the rate it moves now and then more than across it.
+    sigmas = [learnt(Shaken(ONBOARD, (0.1, 0.0, 0.0), seed=seed)) for seed in range(10)]
+    assert np.mean(np.array(sigmas) > 0) < 0.5
