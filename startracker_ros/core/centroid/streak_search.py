@@ -22,6 +22,7 @@ from startracker_ros.core.centroid.streak import fit_streak, Streak
 from startracker_ros.core.centroid.streak_fit import (
     ANGLE, fit_streaks, LENGTH, pixels_at, share_at, streaks_at)
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 SMOOTHING_PX = 1.5  # before the threshold
 SPOT_SIGMAS = 4.0
@@ -105,7 +106,7 @@ def search_streaks(image: np.ndarray, level: np.ndarray, streak: Streak, sigma_p
     flux = cv2.filter2D(image.astype(np.float32) - level, -1, kernel / energy,
                         borderType=cv2.BORDER_REFLECT_101)
     sample = flux[::NOISE_SAMPLES, ::NOISE_SAMPLES]
-    noise = 1.4826 * float(np.median(np.abs(sample - np.median(sample))))
+    noise = SIGMA_PER_MAD * float(np.median(np.abs(sample - np.median(sample))))
     top = cv2.dilate(flux, np.ones((3, 3), np.uint8))
     v, u = np.nonzero((flux == top) & (flux > threshold_sigmas * noise))
     order = np.argsort(-flux[v, u], kind='stable')[:MOST_PEAKS]

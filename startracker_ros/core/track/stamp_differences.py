@@ -11,6 +11,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.small_algebra import inverse, is_positive_definite
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 FRAMES = 20  # whose times are compared
 LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as this
@@ -126,7 +127,7 @@ def _stamp_variance(memory: Differences) -> float:
 @compiled
 def white_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> tuple[float, float, int]:
     """Return r + s^2 by times (FRAMES,), the mean r of variances (FRAMES,), and the products."""
-    limit = LIMIT_SIGMAS * 1.4826 * np.nanmedian(np.abs(times_s))
+    limit = LIMIT_SIGMAS * SIGMA_PER_MAD * np.nanmedian(np.abs(times_s))
     product, noise, total, products = 0.0, 0.0, 0.0, 0
     for k in range(1, FRAMES):
         if math.isfinite(times_s[k] * times_s[k - 1]):

@@ -3,6 +3,7 @@
 
 """Frames of centroids under a steady turn, for the tests of this folder."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,9 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
-    conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+    attitude_error, conjugate, multiply, quaternion_from_pointing,
+    quaternion_from_rotation_vector, rotate)
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 STEP_NS = 100_000_000
 
@@ -73,3 +76,22 @@ class Motion:
         order = np.argsort(-flux)
         centroids = Centroids(uv[order], flux[order], np.full(len(order), 30.0), sigma_px[order])
         return START_NS + int(frame * STEP_NS), centroids, hip[order]
+
+
+def errors_of(tracker: TrackFilter, frames: Iterable[tuple[int, Centroids, np.ndarray, np.ndarray]]
+              ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return errors (F, 3) and covariances (F, 3, 3) of a tracker that is started again when lost.
+
+    frames are stamp, centroids and their hip, as of Motion.frame(), and the true attitude (4,).
+    """
+    errors, covariances = [], []
+    for stamp_ns, centroids, hip, truth in frames:
+        tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, hip)
+        elif tracker.attitude is not None:
+            attitude = tracker.attitude.attitude
+            errors.append(attitude_error(attitude.quaternion, truth))
+            covariances.append(attitude.covariance_sensor)
+    return np.array(errors), np.array(covariances)

@@ -9,13 +9,14 @@ from chi_square import check_mean
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from star_motion import CAMERA, Motion, sky, START_NS, STEP_NS
+from star_motion import CAMERA, errors_of, Motion, sky, START_NS, STEP_NS
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.tools.figures.correctness import nees_of
 
 ONBOARD = sky()
 DEG_H = np.radians(1 / 3600)
@@ -216,22 +217,8 @@ def test_a_tracker_reports_before_its_first_start(model):
 
 def flown(motion, frames=80):
     """Return errors (F, 3) and covariances (F, 3, 3) of a tracker of a nominal camera."""
-    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions())
-    errors, covariances = [], []
-    for frame in range(frames):
-        stamp_ns, centroids, hip = motion.frame(frame)
-        tracker.update(stamp_ns, centroids)
-        if tracker.state is not TrackerState.TRACKING:
-            tracker.identified(stamp_ns, centroids, hip)
-        elif tracker.attitude is not None:
-            attitude = tracker.attitude.attitude
-            errors.append(attitude_error(attitude.quaternion, motion.q(frame)))
-            covariances.append(attitude.covariance_sensor)
-    return np.array(errors), np.array(covariances)
-
-
-def nees(errors, covariances):
-    return np.einsum('fi,fij,fj->f', errors, np.linalg.inv(covariances), errors)
+    return errors_of(TrackFilter(CAMERA, ONBOARD, TrackerOptions()), (
+        (*motion.frame(frame), motion.q(frame)) for frame in range(frames)))
 
 
 def test_a_wrong_focal_length_is_taken_out():
@@ -241,7 +228,7 @@ def test_a_wrong_focal_length_is_taken_out():
     rms = {ratio: np.sqrt(np.mean([np.mean(errors[20:] ** 2, axis=0) for errors, _ in each], 0))
            for ratio, each in runs.items()}
     assert (rms[1.001] < 1.3 * rms[1.0]).all()
-    check_mean(3, *[nees(*run)[20:] for run in runs[1.001]], inflation=1.5)
+    check_mean(3, *[nees_of(*run)[20:] for run in runs[1.001]], inflation=1.5)
     # The first frame, by a lens of which nothing is known, says so.
-    assert (nees(*(np.concatenate([run[k][:20] for run in runs[1.001]]) for k in (0, 1)))
+    assert (nees_of(*(np.concatenate([run[k][:20] for run in runs[1.001]]) for k in (0, 1)))
             < chi2.ppf(1 - 1e-6, 3)).all()

@@ -6,11 +6,12 @@
 from chi_square import check_mean
 import numpy as np
 import pytest
-from star_motion import Motion, sky
+from star_motion import errors_of, Motion, sky
 from startracker_ros.core.maths.rotation import (
-    attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
+    conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.tools.figures.correctness import nees_of
 
 ONBOARD = sky()
 LEARNT_FRAMES = 15
@@ -25,35 +26,27 @@ def flown(jitter_s, rate_deg_s, seed=0, frames=60, jerk_deg_s=0.0):
     rng = np.random.default_rng(seed)
     motion = Motion(ONBOARD, rate_deg_s, seed=seed)
     tracker = TrackFilter(motion.camera, ONBOARD, TrackerOptions())
-    errors, covariances = [], []
-    for frame in range(frames):
-        if jerk_deg_s and frame % 10 == 0:
-            axis = rng.standard_normal(3)
-            here = motion.q(frame)
-            motion.rate_deg_s = rate_deg_s + jerk_deg_s * axis / np.linalg.norm(axis)
-            motion.q_start = multiply(here, conjugate(quaternion_from_rotation_vector(
-                np.radians(motion.rate_deg_s) * frame * 0.1)))
-        stamp_ns, _, _ = motion.frame(frame)
-        _, centroids, hip = motion.frame(frame + rng.normal(0, jitter_s) / 0.1)
-        tracker.update(stamp_ns, centroids)
-        if tracker.state is not TrackerState.TRACKING:
-            tracker.identified(stamp_ns, centroids, hip)
-        elif tracker.attitude is not None:
-            attitude = tracker.attitude.attitude
-            errors.append(attitude_error(attitude.quaternion, motion.q(frame)))
-            covariances.append(attitude.covariance_sensor)
-    return np.array(errors), np.array(covariances), tracker.stamp_sigma_s
 
+    def flight():
+        for frame in range(frames):
+            if jerk_deg_s and frame % 10 == 0:
+                axis = rng.standard_normal(3)
+                here = motion.q(frame)
+                motion.rate_deg_s = rate_deg_s + jerk_deg_s * axis / np.linalg.norm(axis)
+                motion.q_start = multiply(here, conjugate(quaternion_from_rotation_vector(
+                    np.radians(motion.rate_deg_s) * frame * 0.1)))
+            stamp_ns, _, _ = motion.frame(frame)
+            _, centroids, hip = motion.frame(frame + rng.normal(0, jitter_s) / 0.1)
+            yield stamp_ns, centroids, hip, motion.q(frame)
 
-def nees(errors, covariances):
-    return np.einsum('fi,fij,fj->f', errors, np.linalg.inv(covariances), errors)
+    return *errors_of(tracker, flight()), tracker.stamp_sigma_s
 
 
 @pytest.mark.parametrize('jitter_s, rate_deg_s', [
     (0.005, (0.1, 0.25, 0.1)), (0.02, (0.5, -0.8, 0.2)), (0.001, (1.0, 0.0, 0.0))])
 def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
     runs = [flown(jitter_s, rate_deg_s, seed) for seed in range(4)]
-    series = [nees(*run[:2])[LEARNT_FRAMES:] for run in runs]
+    series = [nees_of(*run[:2])[LEARNT_FRAMES:] for run in runs]
     values = np.concatenate(series)
     assert len(values) > 4 * 35
     check_mean(3, *series, inflation=2.0)
