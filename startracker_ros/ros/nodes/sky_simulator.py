@@ -76,7 +76,6 @@ class SkySimulatorNode(SourceNode):
         frame = simulator.frame(time_s)
         sensor = self.sensor_header(stamp_ns)
         inertial = make_header(stamp_ns, self.options(FrameOptions).inertial_frame_id)
-        self.publish_image(frame.image, self._camera, sensor)
         self._truth.publish(frame, self._camera, inertial, sensor)
         self._navigation.publish(
             *simulator.navigation(time_s), self.options(NavigationOptions), inertial)
@@ -85,6 +84,9 @@ class SkySimulatorNode(SourceNode):
         self._gyro.publish(
             simulator, self.options(GyroOptions), stamp_ns, time_s, sensor.frame_id)
         self._temperature.publish(self.options(HeadOptions).temperature_at(time_s), sensor)
+        # Last: what follows on an image shares no processor with the rest of its frame, and a
+        # tracker has the gyro of it.
+        self.publish_image(frame.image, self._camera, sensor)
         self.diagnostics.values['stars'] = np.count_nonzero(frame.stars.hip)
         self.diagnostics.report(OK, 'simulating the sky')
 
