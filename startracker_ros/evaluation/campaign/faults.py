@@ -8,6 +8,7 @@ from startracker_ros.evaluation.harness.fault_injection import inject, row_of, T
 from startracker_ros.evaluation.harness.fault_rig import FaultRig
 from startracker_ros.evaluation.harness.faults import faults
 from startracker_ros.io.table import Result
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.rig import LogFolder
 from startracker_ros.tools.figures.correctness import WRONG_TEXT
 
@@ -21,7 +22,11 @@ def run_faults_campaign(*, seed: int, only: tuple[str, ...] = ()) -> Result:
     logs = LogFolder('faults')
     with logs as folder, FaultRig(folder, seed=seed) as rig:
         for name in progress(only or tuple(functions), 'faults', transient=True):
-            rows.append(row_of(name, inject(rig, name, functions[name], _TIMES)))
+            outcome = inject(rig, name, functions[name], _TIMES)
+            rows.append(row_of(name, outcome))
+            if outcome.recovery_s is None:
+                # The next fault begins with new processes.
+                rig.processes.kill(*STAGES, 'bag_recorder')
         logs.keep = not all(row['holds'] for row in rows)
     return Result('campaign faults', rows, {
         'pipeline': 'four stages and a recorder, a process each; images of 512 x 512 px, 12 deg, '
