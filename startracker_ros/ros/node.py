@@ -71,8 +71,8 @@ class PipelineNode(ManagedNode):
     shutdown: Shutdown
     """For a node that ends by itself when its work is done."""
 
-    sends_images = uses_message_info = False
-    """Whether it publishes star images; whether callbacks take the times of messages."""
+    sends_images = False
+    """Whether it publishes star images."""
 
     def __init_subclass__(cls) -> None:
         """Add the options of every node to those that a class names."""
@@ -321,9 +321,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     code = 1
     executor: Any = None
     try:
-        # The events executor of rclpy 7.1.6 fails where a callback uses the message info.
-        executor = (SingleThreadedExecutor if any(c.uses_message_info for c in node_classes)
-                    else EventsExecutor)()
+        executor = EventsExecutor()
         if len(node_classes) > 1:
             PipelineNode.composition = Composition()
         for node_class in node_classes:

@@ -10,6 +10,7 @@ configured.
 """
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -93,6 +94,19 @@ def lifecycle_state(node: LifecycleNode) -> str:
     """Return the label of the state that a managed node is in, empty where it is not known."""
     machine = getattr(node, '_state_machine', None)
     return '' if machine is None else machine.current_state[1]
+
+
+def with_message_info(callback: Callable[[Any, dict], None]) -> Callable:
+    """
+    Return callback(message, info) for a subscription.
+
+    The events executor of rclpy 7.1.6 passes both as one tuple, other executors as two arguments.
+    """
+    def received(*arguments: Any) -> None:
+        callback(*(arguments[0] if len(arguments) == 1 else arguments))
+    # rclpy counts the parameters.
+    received.__signature__ = signature(callback)  # type: ignore[attr-defined]
+    return received
 
 
 def take_all(subscription: Subscription, callback: Callable[[Any], None]) -> None:

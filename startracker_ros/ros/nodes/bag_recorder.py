@@ -17,6 +17,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.bag_qos import bag_qos, recording_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.message_types import message_class
+from startracker_ros.ros.messages.rclpy_internals import with_message_info
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 _LOST_BEFORE = 'messages lost before the recorder'
@@ -26,7 +27,6 @@ class BagRecorderNode(PipelineNode):
     """Records serialized messages with the times of publication and reception."""
 
     option_classes = (RecordOptions, BagOptions)
-    uses_message_info = True
     task = 'recording'
 
     def __init__(self) -> None:
@@ -98,9 +98,8 @@ class BagRecorderNode(PipelineNode):
             message_lost=lambda event: self.diagnostics.counts.update(
                 {_LOST_BEFORE: event.total_count_change}),  # type: ignore[attr-defined]
             incompatible_qos=lambda _: self._incompatible.add(topic))
-        # rclpy passes the info to a callback of two arguments, unlike its type hint.
         return self.create_subscription(
-            message_type, topic, write, profile, raw=True,  # type: ignore[arg-type]
+            message_type, topic, with_message_info(write), profile, raw=True,
             event_callbacks=events)
 
     def _lost(self) -> int:
