@@ -27,6 +27,7 @@ _ENCAPSULATION = b'\x00\x01\x00\x00'
 _STAMP = struct.Struct('<iI')
 _UINT = struct.Struct('<I')
 _UNKNOWN = np.array([-1.0, *[0.0] * 8])
+_LINE_LIST = 2
 _NO_ROTATION, _ZERO = np.zeros(4), np.zeros(3)
 _MOST_LAYOUTS = 64
 
@@ -241,6 +242,17 @@ def camera_info(stamp_ns: int, frame_id: str, camera: Camera) -> bytes:
             .text(camera.distortion_model).uints(len(camera.distortion))
             .doubles(camera.distortion, k, np.eye(3), p)
             .uints(0, 0, 0, 0, 0, 0).raw(b'\0').done())
+
+
+def image_lines(stamp_ns: int, frame_id: str, namespace: str, ends: np.ndarray, width_px: float,
+                colour: tuple[float, float, float, float]) -> bytes:
+    """Return an ImageMarker of lines, each between two successive pixels of ends (2N, 2)."""
+    body = (_Body(stamp_ns, frame_id).text(namespace).uints(0, _LINE_LIST, 0).doubles(_ZERO)
+            .raw(struct.pack('<5f', width_px, *colour)).raw(b'\0')
+            .uints(0, 0, 0, 0, 0, 0, len(ends)))
+    if len(ends):
+        body.doubles(np.pad(ends, ((0, 0), (0, 1))))
+    return body.uints(0).done()
 
 
 def status(level: int, name: str, message: str, hardware_id: str,

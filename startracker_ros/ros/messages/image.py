@@ -7,17 +7,16 @@ import struct
 import sys
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX
-from startracker_ros.io.bags.layouts import MessageError
+from startracker_ros.io.bags import cdr
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import ImageMarker
+from std_msgs.msg import Header
 
-_COLOUR = ColorRGBA(r=1.0, g=0.75, b=0.25, a=1.0)
+_COLOUR = (1.0, 0.75, 0.25, 1.0)
 
 
 def image_to_message(image: np.ndarray, header: Header) -> Image:
@@ -84,9 +83,8 @@ def camera_to_message(camera: Camera, header: Header) -> CameraInfo:
         p=[*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0])
 
 
-def centroids_to_image_marker(uv: np.ndarray, header: Header) -> ImageMarker:
+def centroids_to_image_marker(uv: np.ndarray, header: Header) -> bytes:
     """Return `image_markers`, a reticle at each pixel uv (N, 2); each replaces the last one."""
-    ends = (uv[:, None] + RETICLE_TICKS_PX).reshape(-1, 2).tolist()
-    return ImageMarker(
-        header=header, ns='centroids', type=ImageMarker.LINE_LIST, action=ImageMarker.ADD,
-        scale=1.5, outline_color=_COLOUR, points=[Point(x=u, y=v) for u, v in ends])
+    return cdr.image_lines(
+        ns_from_stamp(header.stamp), header.frame_id, 'centroids',
+        (uv[:, None] + RETICLE_TICKS_PX).reshape(-1, 2), width_px=1.5, colour=_COLOUR)

@@ -42,6 +42,9 @@ def written(frame):
     yield cdr.CAMERA_INFO, cdr.camera_info(STAMP_NS, frame, camera)
     fisheye = Camera.from_fov(640, 480, 150.0, 'equidistant')
     yield cdr.CAMERA_INFO, cdr.camera_info(STAMP_NS, frame, fisheye)
+    for ends in (np.arange(8.0).reshape(4, 2), np.empty((0, 2))):
+        yield 'visualization_msgs/msg/ImageMarker', cdr.image_lines(
+            STAMP_NS, frame, 'centroids', ends, 1.5, (1.0, 0.75, 0.25, 1.0))
     yield cdr.STATUS, cdr.status(1, 'star_tracker: state', 'LOST', frame, {'stars': 3, 'r': 'x'})
 
 

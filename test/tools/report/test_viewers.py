@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 from run_bag import write_run
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 from startracker_ros.ros.messages.header import make_header
@@ -206,7 +207,8 @@ def test_rviz_shows_the_field_as_the_image_is(rviz: dict[str, Any]) -> None:
 
 def test_marks_stand_beside_the_centroids() -> None:
     uv = np.array([(100.0, 200.0), (0.25, 1023.5)])
-    marker = centroids_to_image_marker(uv, make_header(5, 'star_tracker_optical_frame'))
+    header = make_header(5, 'star_tracker_optical_frame')
+    marker = deserialize_message(centroids_to_image_marker(uv, header), ImageMarker)
     assert marker.type == ImageMarker.LINE_LIST and marker.header.stamp.nanosec == 5
     points = np.array([(point.x, point.y) for point in marker.points]).reshape(2, 2, 2, 2)
     # Of each star a tick to the right and one below, none of them on it.
@@ -214,7 +216,8 @@ def test_marks_stand_beside_the_centroids() -> None:
     np.testing.assert_allclose(points[:, 1, :, 0], np.repeat(uv[:, :1], 2, axis=1))
     assert np.all(points[:, 0, :, 0] - uv[:, :1] >= 6)
     assert np.all(points[:, 1, :, 1] - uv[:, 1:] >= 6)
-    assert centroids_to_image_marker(np.empty((0, 2)), marker.header).points == []
+    none = deserialize_message(centroids_to_image_marker(np.empty((0, 2)), header), ImageMarker)
+    assert none.points == [] and none.outline_color.g == 0.75
 
 
 @pytest.mark.slow
