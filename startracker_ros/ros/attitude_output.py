@@ -21,6 +21,7 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_matrix, sign_continuous)
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.track.tracks import TrackedAttitude
+from startracker_ros.io.bags import cdr
 from startracker_ros.ros import qos
 from startracker_ros.ros.body_output import BodyOutput
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -28,7 +29,7 @@ from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
-from startracker_ros.ros.messages.header import make_header, vector_to_geometry
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode, publish_if_subscribed
 from startracker_ros.ros.odometry_input import OdometryInput
 
@@ -84,8 +85,8 @@ class AttitudeOutput:
         publish_if_subscribed(self._quaternion, lambda: quaternion_to_message(
             attitude.quaternion, header))
         publish_if_subscribed(self._pose, lambda: attitude_to_pose(attitude, header))
-        publish_if_subscribed(self._protection, lambda: Vector3Stamped(
-            header=sensor_header, vector=vector_to_geometry(result.protection_rad)))
+        publish_if_subscribed(self._protection, lambda: cdr.vector_stamped(
+            stamp_ns, frames.sensor_frame_id, result.protection_rad))
         publish_if_subscribed(self._transform, lambda: rotation_to_transform(
             attitude.quaternion, header, frames.sensor_frame_id))
         publish_if_subscribed(self._imu, lambda: (

@@ -6,6 +6,7 @@
 from dataclasses import fields, replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 import numpy as np
@@ -175,7 +176,7 @@ def test_attitude_messages_mean_what_they_say():
     q = quaternion_from_pointing(1.0, -0.4, 2.2)
     sensor = unit_from_radec(np.array([0.1, 0.5, 1.3, 2.0]), np.array([1.2, 1.4, 1.45, 1.3]))
     attitude = estimate_attitude(sensor, rotate(q, sensor), np.full(4, 1e-4))
-    pose = attitude_to_pose(attitude, HEADER)
+    pose = deserialize_message(attitude_to_pose(attitude, HEADER), PoseWithCovarianceStamped)
     orientation = pose.pose.pose.orientation
     turned = Rotation.from_quat([orientation.x, orientation.y, orientation.z, orientation.w])
     np.testing.assert_allclose(turned.apply(sensor), rotate(q, sensor), atol=1e-9)

@@ -210,11 +210,11 @@ def vector_stamped(stamp_ns: int, frame_id: str, vector: np.ndarray) -> bytes:
     return _Body(stamp_ns, frame_id).doubles(vector).done()
 
 
-def pose_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray,
-                 covariance_icrf: np.ndarray) -> bytes:
-    """Return a PoseWithCovarianceStamped at the origin; the covariance (3, 3) is in rad^2."""
+def pose_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray, covariance: np.ndarray
+                 ) -> bytes:
+    """Return a PoseWithCovarianceStamped at the origin; (3, 3) rad^2 is about the frame's axes."""
     return _Body(stamp_ns, frame_id).doubles(
-        _ZERO, quaternion, rotation_covariance(covariance_icrf)).done()
+        _ZERO, quaternion, rotation_covariance(covariance)).done()
 
 
 def transform(stamp_ns: int, frame_id: str, child_frame_id: str, quaternion: np.ndarray) -> bytes:

@@ -10,7 +10,7 @@ from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_ic
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.track.tracks import Hint, TrackedAttitude
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.io.bags.telemetry import unit_quaternion
 from startracker_ros.ros.messages.header import quaternion_to_geometry
 from std_msgs.msg import Header
@@ -27,25 +27,20 @@ def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
     return np.array([q.x, q.y, q.z, q.w])
 
 
-def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCovarianceStamped:
-    """Return `attitude_cov`: position zero, the rotation block about ICRF axes in rad^2."""
+def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> bytes:
+    """Return the serialized `attitude_cov`: position zero, covariance about ICRF axes, rad^2."""
     return _rotation_to_pose(attitude.quaternion, covariance_icrf(
         attitude.quaternion, attitude.covariance_sensor), header)
 
 
-def mount_to_pose(q_body_from_sensor: np.ndarray, covariance: np.ndarray, header: Header
-                  ) -> PoseWithCovarianceStamped:
-    """Return `mount` (4,), its covariance (3, 3) rad^2 about the body axes of the header."""
+def mount_to_pose(q_body_from_sensor: np.ndarray, covariance: np.ndarray, header: Header) -> bytes:
+    """Return the serialized `mount` (4,), covariance (3, 3) rad^2 about axes of the header."""
     return _rotation_to_pose(q_body_from_sensor, covariance, header)
 
 
-def _rotation_to_pose(quaternion: np.ndarray, covariance: np.ndarray, header: Header
-                      ) -> PoseWithCovarianceStamped:
-    """Return a rotation (4,) with its covariance (3, 3) about the axes of the header."""
-    message = PoseWithCovarianceStamped(header=header)
-    message.pose.pose.orientation = quaternion_to_geometry(quaternion)
-    message.pose.covariance = rotation_covariance(covariance).ravel()
-    return message
+def _rotation_to_pose(quaternion: np.ndarray, covariance: np.ndarray, header: Header) -> bytes:
+    return cdr.pose_stamped(
+        ns_from_stamp(header.stamp), header.frame_id, quaternion, covariance)
 
 
 def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: str

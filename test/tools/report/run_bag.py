@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, Vector3Stamped
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -144,7 +144,8 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
                 ('attitude', _attitude(
                     # The sign of a quaternion says nothing, and may change from frame to frame.
                     attitude(frame).quaternion * (-1) ** frame, inertial)),
-                ('attitude_cov', attitude_to_pose(attitude(frame), inertial)),
+                ('attitude_cov', deserialize_message(
+                    attitude_to_pose(attitude(frame), inertial), PoseWithCovarianceStamped)),
                 ('protection_level', Vector3Stamped(
                     header=header, vector=vector_to_geometry(protection_rad(frame))))]
         if frame % 10 == 0:
