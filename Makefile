@@ -78,7 +78,7 @@ test-long: $(VENV)/package $(VENV)/tests $(VENV)/gnc $(VENV)/s3
 
 $(VENV)/requirements: requirements.txt requirements-$(ROS).txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \
-		echo 'ROS 2 $(ROS) needs Python $(firstword $(PYTHONS)) or $(lastword $(PYTHONS)) with venv: make PYTHON=/path/to/python3.12' >&2; \
+		echo 'ROS 2 $(ROS) needs Python $(firstword $(PYTHONS)) or $(lastword $(PYTHONS)) with venv: make PYTHON=/path/to/python3.12$(if $(filter jazzy,$(ROS)),; with Python 3.13: make ROS=kilted)' >&2; \
 		exit 1; }
 	@echo '== libraries: a virtual environment in $(VENV); downloads some 270 MB, takes about a minute'
 	"$(PYTHON)" -m venv $(VENV)
