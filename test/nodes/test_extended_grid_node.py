@@ -8,6 +8,7 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from queues import deep_queues
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from skies import FRAME, NARROW_CAMERA as CAMERA, onboard_stars, START_NS
 from startracker_ros.core.centroid.synthetic_field import star_list
@@ -34,7 +35,8 @@ def identified_hip(cloud):
 
 def test_a_rate_survives_its_message():
     rate = np.array([0.01, -0.02, 0.03])
-    message = gyro_to_imu(rate, 1e-4, make_header(START_NS, FRAME))
+    message = deserialize_message(
+        gyro_to_imu(rate, 1e-4, make_header(START_NS, FRAME)), Imu)
     np.testing.assert_array_equal(rate_from_imu(message), rate)
     message.angular_velocity_covariance[0] = -1.0
     with pytest.raises(MessageError, match='imu has no angular velocity'):

@@ -76,7 +76,7 @@ def by_the_core(sent, chosen):
         CAMERA, epoch_year_from_stamp(START_NS), chosen, motion=ObserverMotion(
             AberrationOptions(aberration='none')))
     for frame in sent:
-        tracker.add_rate(frame.stamp_ns, rate_from_imu(frame.imu))
+        tracker.add_rate(frame.stamp_ns, rate_from_imu(deserialized(frame.imu, Imu)))
     found = []
     for k, frame in enumerate(sent):
         tracker.update(frame.stamp_ns, centroids_from_message(

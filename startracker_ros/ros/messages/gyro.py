@@ -5,19 +5,15 @@
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
-from sensor_msgs.msg import Imu
-from startracker_ros.io.bags.layouts import rotation_covariance
+from startracker_ros.io.bags import cdr
+from startracker_ros.io.bags.layouts import ns_from_stamp, rotation_covariance
 from startracker_ros.ros.messages.header import vector_to_geometry
 from std_msgs.msg import Header
 
 
-def gyro_to_imu(rate_rad_s: np.ndarray, sigma_rad_s: float, header: Header) -> Imu:
-    """Return `imu` of a gyro (3,) in the sensor frame: no orientation, no acceleration."""
-    message = Imu(header=header, angular_velocity=vector_to_geometry(rate_rad_s))
-    message.orientation_covariance[0] = -1.0
-    message.linear_acceleration_covariance[0] = -1.0
-    message.angular_velocity_covariance = (np.eye(3) * sigma_rad_s ** 2).ravel()
-    return message
+def gyro_to_imu(rate_rad_s: np.ndarray, sigma_rad_s: float, header: Header) -> bytes:
+    """Return the serialized `imu` of a gyro (3,) in the sensor frame: no orientation."""
+    return cdr.gyro_imu(ns_from_stamp(header.stamp), header.frame_id, rate_rad_s, sigma_rad_s)
 
 
 def drift_to_twist(drift_rad_s: np.ndarray, covariance: np.ndarray, header: Header
