@@ -238,7 +238,7 @@ Examples:
               help='Narrowest field of view, long side, that is searched without a position.')
 @click.option('--blind/--no-blind', default=True, show_default=True,
               help='Whether images without a position can be searched: of all the sky and from '
-              '0.3 deg on this takes some 2 GB, from 0.6 deg a quarter.')
+              '0.3 deg on this takes 1 GB, from 0.6 deg less than half of it.')
 @json_option
 def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, str], ...],
               epoch_year: float | None, faintest: float | None, least_deg: float, blind: bool,
