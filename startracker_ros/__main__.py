@@ -13,7 +13,7 @@ from startracker_ros.tools.cli.bags import export, info, play, record, report
 from startracker_ros.tools.cli.flights import compare, reprocess, simulate, tracklets, trend
 from startracker_ros.tools.cli.nodes import demo, doctor, live, run
 from startracker_ros.tools.cli.outcome import Main
-from startracker_ros.tools.cli.photographs import calibrate, night, solve
+from startracker_ros.tools.cli.photographs import calibrate, catalogue, night, solve
 from startracker_ros.tools.cli.telemetry import telemetry
 
 
@@ -23,9 +23,9 @@ def main() -> None:
     """Star images to spacecraft attitude."""
 
 
-for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
-                 campaign, bench, datasheet, design, night, telemetry, simulate, reprocess,
-                 compare, trend, tracklets):
+for _command in (run, live, solve, calibrate, catalogue, demo, record, play, info, report, export,
+                 doctor, campaign, bench, datasheet, design, night, telemetry, simulate,
+                 reprocess, compare, trend, tracklets):
     main.add_command(_command)
 demo.add_command(demo_closed_loop)
 

@@ -43,6 +43,8 @@ LEAVES = {names: command for names, command in ALL.items()
 READERS = [
     ['solve', 'FILE', '--fov-deg', '11.4'],
     ['solve', IMAGES[0], '--camera', 'FILE'],
+    ['solve', IMAGES[0], '--catalogue', 'FILE'],
+    ['catalogue', 'FILE', '--epoch', '2016', '-o', 'out'],
     ['calibrate', 'FILE', '--fov-deg', '11.4', '-o', 'out.yaml'],
     ['calibrate', IMAGES[0], '--camera', 'FILE', '-o', 'out.yaml'],
     ['info', 'FILE'], ['report', 'FILE'], ['export', 'FILE'], ['play', 'FILE'],
@@ -149,7 +151,7 @@ def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
     done = startracker(*line)
     # Nothing of OpenCV or another library beside it.
     assert capfd.readouterr().err == ''
-    if line[0] == 'solve' and '--camera' not in line and kind != 'folder':
+    if line[:2] == ['solve', str(file)] and kind != 'folder':
         assert done.exit_code == 1 and file.name in done.stdout
         return
     assert_failed(done, 1, 2)

@@ -213,7 +213,7 @@ def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
 
 def _gate(error_px: float, model: Lens, onboard: OnboardCatalog, least_px: float) -> float:
     """Return the matching radius in px."""
-    per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi)
+    per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi * onboard.sky_share)
     chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
     return float(max(min(max(_GATE_SIGMAS * error_px, least_px), chance_px), _LEAST_GATE_PX))
 

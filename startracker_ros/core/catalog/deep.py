@@ -15,6 +15,7 @@ import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
+from startracker_ros.core.catalog.tiles import TILED_OFFSET
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.stored_arrays import digest, stored_arrays
 
@@ -46,7 +47,9 @@ _STEP_RAD = POSITION_STEP_MAS / 1000 * ARCSEC
 
 
 def star_name(number: int) -> str:
-    """Return the name of a star of the catalogue: HIP with its number, or the row in DEEP_FILE."""
+    """Return the name of a star: HIP with its number, or the row in DEEP_FILE or in a folder."""
+    if number >= TILED_OFFSET:
+        return f'row {number - TILED_OFFSET}'
     return f'HIP {number}' if number < NUMBER_OFFSET else f'deep {number - NUMBER_OFFSET}'
 
 

@@ -40,6 +40,7 @@ class OnboardCatalog:
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
     motion (N, 3) is the proper motion in rad a year. stored is where the arrays are mapped from.
+    sky_share is the share of the sky that it covers.
     """
 
     hip: np.ndarray
@@ -51,6 +52,7 @@ class OnboardCatalog:
     variation_mag: np.ndarray | None = None
     motion: np.ndarray | None = None
     stored: StoredArrays | None = None
+    sky_share: float = 1.0
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -69,8 +71,9 @@ class OnboardCatalog:
 
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the star index (M,) of each Hipparcos number (M,), -1 if it has no entry."""
+        first, index = self._index_of_hip
         # Numbers beyond either end are clipped to entries of no star.
-        return self._index_of_hip.take(hip, mode='clip').astype(int)
+        return index.take(hip - first, mode='clip').astype(int)
 
     def variation(self, star_index: np.ndarray) -> np.ndarray:
         """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
@@ -90,11 +93,12 @@ class OnboardCatalog:
                       self.crowd_rad, self.variation_mag)
 
     @cached_property
-    def _index_of_hip(self) -> np.ndarray:
-        """Star indices by Hipparcos number, from 0 to one more than the greatest."""
-        index = np.full(int(self.hip.max(initial=0)) + 2, -1, np.int32)
-        index[self.hip] = np.arange(len(self))
-        return index
+    def _index_of_hip(self) -> tuple[int, np.ndarray]:
+        """One less than the least Hipparcos number, and star indices from there to one more."""
+        first, last = (int(self.hip.min()), int(self.hip.max())) if len(self) else (1, 0)
+        index = np.full(last - first + 3, -1, np.int32)
+        index[self.hip - (first - 1)] = np.arange(len(self))
+        return first - 1, index
 
 
 def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,

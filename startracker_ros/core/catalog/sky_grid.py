@@ -24,16 +24,29 @@ class SkyGrid(NamedTuple):
     member: np.ndarray
 
 
-def sky_grid(direction: np.ndarray) -> SkyGrid:
-    """Return the grid of unit vectors (N, 3), with about one per cell on the sphere."""
-    # A cell of edge 2 / n covers about 4 / n**2 of the 4 pi of the sphere.
-    cells = int(np.clip(np.sqrt(len(direction) / np.pi), 4, 128))
-    i, j, k = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1).T
-    cell = (i * cells + j) * cells + k
+def sky_grid(direction: np.ndarray, sky_share: float = 1.0) -> SkyGrid:
+    """Return the grid of unit vectors (N, 3) of a share of the sky, about one per cell of it."""
+    # Of a part of the sky most cells are empty: as many as cost no more than the stars.
+    most = 128 if sky_share == 1 else int(np.clip(np.cbrt(64 * len(direction)), 128, 256))
+    cells = cells_along(len(direction) / sky_share, most)
+    cell = cell_numbers(direction, cells)
     start = np.zeros(cells ** 3 + 1, np.int32)
-    np.cumsum(np.bincount(cell, minlength=cells ** 3), out=start[1:])
+    start[1:] = np.bincount(cell, minlength=cells ** 3)
+    np.cumsum(start, out=start)
     return SkyGrid(np.ascontiguousarray(direction), cells, start,
                    np.argsort(cell, kind='stable').astype(np.int32))
+
+
+def cells_along(count: float, most: int) -> int:
+    """Return the cells along an axis of the cube for so many stars, about one per cell."""
+    # A cell of edge 2 / n covers about 4 / n**2 of the 4 pi of the sphere.
+    return int(np.clip(np.sqrt(count / np.pi), 4, most))
+
+
+def cell_numbers(direction: np.ndarray, cells: int) -> np.ndarray:
+    """Return the cells (N,) of unit vectors (N, 3) in a cube of cells**3."""
+    i, j, k = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1).T
+    return (i * cells + j) * cells + k
 
 
 # The brightest stars of each cell: fewer make the cells, which one star may fill, too small.
@@ -141,6 +154,25 @@ def _add_partners(grid: SkyGrid, direction: np.ndarray, n: int, chord: float, pa
                     squares[count] = square
                 count += 1
     return count
+
+
+@compiled
+def stars_near(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> np.ndarray:
+    """Return the indices (M,) of the stars within chord of a unit vector, in no order."""
+    found, limit = [np.int64(0) for _ in range(0)], chord * chord
+    first_x, last_x = _cells_about(grid, x, chord)
+    first_y, last_y = _cells_about(grid, y, chord)
+    first_z, last_z = _cells_about(grid, z, chord)
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
+            row = (i * grid.cells + j) * grid.cells
+            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
+                star = grid.member[m]
+                dx, dy, dz = (grid.direction[star, 0] - x, grid.direction[star, 1] - y,
+                              grid.direction[star, 2] - z)
+                if dx * dx + dy * dy + dz * dz <= limit:
+                    found.append(np.int64(star))
+    return np.array(found)
 
 
 @compiled

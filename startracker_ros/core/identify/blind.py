@@ -11,7 +11,7 @@ of a quad depends on its place in the image: one lens after the other is assumed
 of about its scale are candidates.
 
 Of T candidates tested so far, each has T times the false-alarm probability of a single one. It is
-accepted below false_alarm_max over _HARMONIC, more than the sum of 1 / T over all tests of an
+accepted below false_alarm_max over HARMONIC, more than the sum of 1 / T over all tests of an
 image.
 """
 
@@ -33,6 +33,7 @@ from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
 from startracker_ros.core.identify.ladder import Attempt, chip_ratio, REFERENCE_YEAR
+from startracker_ros.core.identify.searched_fields import HIGHEST_DEG, LOWEST_DEG
 from startracker_ros.core.identify.sky_quads import matching_quads, sky_quads, SkyQuads
 from startracker_ros.core.identify.support import support, supporters
 from startracker_ros.core.identify.verification import (
@@ -42,16 +43,13 @@ from startracker_ros.core.stored_arrays import prepare
 LENS_ERROR = 0.12
 """How far the focal length of the fitted lens may be from that of the quad, as a share."""
 
-LOWEST_DEG, HIGHEST_DEG = 0.6, 120.0
-"""Fields of view of the long side that are searched."""
-
 LIKELY_DEG = 25.0
 """That of the camera that stands for a photograph of which nothing is known."""
 
-_LISTS = 2
+LISTS = 2
 _STEP = 1.1
 _FIELDS_PER_CATALOGUE = 2
-_STARS_PER_FIELD = 30.0
+STARS_PER_FIELD = 30.0
 # So wide a field and all narrower ones have one catalogue, of all stars.
 _ALL_STARS_DEG = 1.15
 # What the images of a catalogue are like; other shapes see some more or fewer of its stars.
@@ -59,7 +57,7 @@ _WIDTH, _HEIGHT = 1024, 768
 COARSEST_PIXEL_DEG = 0.3
 """Larger pixels resolve no stars."""
 
-_HARMONIC = 13.0  # of 200,000 candidates; a hopeless image has some 10,000
+HARMONIC = 13.0  # of 200,000 candidates; a hopeless image has some 10,000
 ATTEMPTS = 2
 """Searches of one image at most: as it is, and mirrored."""
 
@@ -81,20 +79,20 @@ class _Lens(NamedTuple):
 # Up to this field of view one lens, 10 deg wide, stands for all. Tolerances of codes: an error of
 # a pixel in a side of 300 px; of pixels that are not square; of a wide lens half a step off.
 _PLANE_DEG, _PLANE_MOST_DEG, _WIDE_STEP = 10.0, 28.0, 1.1
-_TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
-_PLANE = _Lens(_PLANE_DEG, 1.0, _TOLERANCE, LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
+TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
+_PLANE = _Lens(_PLANE_DEG, 1.0, TOLERANCE, LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
 _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_STEP)
               for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
 # and as many everywhere.
 _TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
 # Quads are made of so many of the brightest stars, in turn.
-_BATCHES, _QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
-_MOST_CANDIDATES = 50_000  # of one look-up
+BATCHES, QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
+MOST_CANDIDATES = 50_000  # of one look-up
 # Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
-_FLOOR_PX, _SCALE_ERROR = 1.0, 0.075
+_FLOOR_PX, SCALE_ERROR = 1.0, 0.075
 # Of which the fourth star of the quad and the order of brightness have up to 8.
-_LEAST_SUPPORT = 9.0
+LEAST_SUPPORT = 9.0
 _SAME_PX = 1.5  # distance of a star in two lists
 
 
@@ -108,7 +106,7 @@ _TANGENTS = _half_tangents()
 _ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
 
 
-class _Field(NamedTuple):
+class Field(NamedTuple):
     """The camera of a field of view, its catalogue at REFERENCE_YEAR and its verifier."""
 
     camera: Camera
@@ -116,7 +114,7 @@ class _Field(NamedTuple):
     verifier: Verifier
 
 
-class _Candidates(NamedTuple):
+class Candidates(NamedTuple):
     """Image stars (K, 4) of the centroids that may be the stars of the numbers (K, 4)."""
 
     centroids: Centroids
@@ -132,27 +130,26 @@ class BlindIdentifier:
         """Tables and catalogues are loaded, or built, when they are first searched."""
         self._years = epoch_year - REFERENCE_YEAR
         self._options = options
-        self._false_alarm_max = options.false_alarm_max / ATTEMPTS / _HARMONIC
         self._deep = cache(load_deep_catalog)
         self._tables: dict[int, tuple[StarCatalog, SkyQuads]] = {}
         self._catalogues: dict[int, OnboardCatalog] = {}
         self._shape = (0, 0)
-        self._fields: dict[tuple[int, float], _Field] = {}
+        self._fields: dict[tuple[int, float], Field] = {}
 
     def identify(self, lists: Iterable[Centroids], shape: tuple[int, int]) -> Iterator[Attempt]:
         """Yield each identification of an image of shape (H, W) px."""
-        yield from self._identify(lists, shape, _BATCHES)
+        yield from self._identify(lists, shape, BATCHES)
 
     def identify_quickly(self, lists: Iterable[Centroids], shape: tuple[int, int]
                          ) -> Iterator[Attempt]:
         """Yield the results of a short search, of an image that is probably something else."""
-        yield from self._identify(lists, shape, _QUICK_BATCHES)
+        yield from self._identify(lists, shape, QUICK_BATCHES)
 
     def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int],
                   batches: Sequence[int]) -> Iterator[Attempt]:
         if shape != self._shape:
             self._shape, self._fields = shape, {}
-        tested, used = 0, list(islice(lists, _LISTS))
+        tested, used = 0, list(islice(lists, LISTS))
         for first, last in pairwise(batches):
             for table in range(len(_TABLES)):
                 found = self._candidates(used, table, first, last)
@@ -162,60 +159,35 @@ class BlindIdentifier:
                         prepare(field.onboard.stored)
                     for one in candidates:
                         tested += len(one.base)
-                        attempt = self._verified(field, one, tested)
+                        attempt = verified(field, one, tested, self._options, self._years)
                         if attempt is not None:
                             yield attempt
                             # One list may have the stars with too many other spots for a lens.
-                            yield from (_in_list(attempt, other) for other in used
+                            yield from (in_list(attempt, other) for other in used
                                         if other is not one.centroids)
 
     def _candidates(self, lists: Sequence[Centroids], table: int, first: int, last: int
-                    ) -> dict[tuple[int, float], list[_Candidates]]:
+                    ) -> dict[tuple[int, float], list[Candidates]]:
         """Return the candidates of the quads of a table by field and pixel ratio."""
-        found: dict[tuple[int, float], list[_Candidates]] = {}
+        found: dict[tuple[int, float], list[Candidates]] = {}
         for lens, centroids in product(_lenses(self._shape, table), lists):
-            camera = _camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2), lens.pixel_ratio)
-            _, direction, _ = self._stars(camera, centroids)
+            camera = ideal_camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2),
+                                  lens.pixel_ratio)
+            _, direction, _ = stars_seen(camera, centroids, self._options)
             if len(direction) <= first:
                 continue
             catalog, quads = self._table(table)
             base, row, ratio = matching_quads(
                 quads.table, direction, first, last, lens.tolerance, lens.low, lens.high,
-                _MOST_CANDIDATES)
+                MOST_CANDIDATES)
             number = catalog.hip[quads.table.star[row]]
             tangent = np.tan(np.radians(np.minimum(lens.fov_deg * ratio, 170.0)) / 2)
             field = np.abs(np.log(tangent[:, None] / _TANGENTS)).argmin(1)
             for chosen in np.unique(field):
                 mine = field == chosen
                 found.setdefault((int(chosen), lens.pixel_ratio), []).append(
-                    _Candidates(centroids, base[mine], number[mine]))
+                    Candidates(centroids, base[mine], number[mine]))
         return found
-
-    def _verified(self, field: _Field, candidates: _Candidates, tested: int) -> Attempt | None:
-        """Return the best of candidates, None if it is not accepted."""
-        centroids = candidates.centroids
-        star = field.onboard.index_of(candidates.number)
-        known = (star >= 0).all(1)
-        base, star = candidates.base[known], star[known]
-        index, direction, sigma_rad = self._stars(field.camera, centroids)
-        best, verification = best_of_quads(
-            field.verifier.data, direction, sigma_rad, base, star, tested)
-        if best < 0 or verification.false_alarm > self._false_alarm_max:
-            return None
-        match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
-        hip, magnitude, residual_px = per_centroid(
-            len(centroids), index, match.star, match.residual_px, field.onboard.hip,
-            field.onboard.magnitude)
-        return Attempt(
-            Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
-                           match.attitude, match.focal_ratio, match.false_alarm),
-            field.camera, field.onboard.after(self._years), centroids,
-            replace(field.camera, fy=field.camera.fx))
-
-    def _stars(self, camera: Camera, centroids: Centroids
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
-                            centroids.sigma_px, self._options.max_image_stars, _FLOOR_PX)
 
     def wide_quads(self) -> tuple[StarCatalog, SkyQuads]:
         """Return the quads of wide fields, and the catalogue of their stars."""
@@ -230,13 +202,13 @@ class BlindIdentifier:
         prepare(self._tables[number][1].stored)
         return self._tables[number]
 
-    def _field(self, field: int, pixel_ratio: float) -> _Field:
+    def _field(self, field: int, pixel_ratio: float) -> Field:
         key = field, pixel_ratio
         if key not in self._fields:
-            camera = _camera(self._shape, _TANGENTS[field], pixel_ratio)
+            camera = ideal_camera(self._shape, _TANGENTS[field], pixel_ratio)
             onboard = self._onboard(field)
-            self._fields[key] = _Field(camera, onboard, Verifier(
-                camera, onboard, self._options.tolerance_sigmas, _SCALE_ERROR,
+            self._fields[key] = Field(camera, onboard, Verifier(
+                camera, onboard, self._options.tolerance_sigmas, SCALE_ERROR,
                 lens_known=False))
         return self._fields[key]
 
@@ -244,14 +216,44 @@ class BlindIdentifier:
         step = max(field, _ALL_STARS) // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
         widest = min(step + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
         if widest not in self._catalogues:
-            camera = _camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
+            camera = ideal_camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
             catalog = camera_catalog(camera, self._deep)
             # As many everywhere, at least: quads of narrow fields have fainter stars far from
             # the Milky Way.
             self._catalogues[widest] = cached_brightest(
-                catalog, camera, REFERENCE_YEAR, limit_for(camera, catalog, _STARS_PER_FIELD),
-                _STARS_PER_FIELD / (camera.fov_x_rad * camera.fov_y_rad))
+                catalog, camera, REFERENCE_YEAR, limit_for(camera, catalog, STARS_PER_FIELD),
+                STARS_PER_FIELD / (camera.fov_x_rad * camera.fov_y_rad))
         return self._catalogues[widest]
+
+
+def verified(field: Field, candidates: Candidates, tested: int, options: IdentificationOptions,
+             years: float) -> Attempt | None:
+    """Return the best of candidates with the stars so many years later; None if not accepted."""
+    centroids = candidates.centroids
+    star = field.onboard.index_of(candidates.number)
+    known = (star >= 0).all(1)
+    base, star = candidates.base[known], star[known]
+    index, direction, sigma_rad = stars_seen(field.camera, centroids, options)
+    best, verification = best_of_quads(
+        field.verifier.data, direction, sigma_rad, base, star, tested)
+    if best < 0 or verification.false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
+        return None
+    match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
+    hip, magnitude, residual_px = per_centroid(
+        len(centroids), index, match.star, match.residual_px, field.onboard.hip,
+        field.onboard.magnitude)
+    return Attempt(
+        Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                       match.attitude, match.focal_ratio, match.false_alarm),
+        field.camera, field.onboard.after(years), centroids,
+        replace(field.camera, fy=field.camera.fx))
+
+
+def stars_seen(camera: Camera, centroids: Centroids, options: IdentificationOptions
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the usable centroids as usable_stars() does, of an ideal lens."""
+    return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
+                        centroids.sigma_px, options.max_image_stars, _FLOOR_PX)
 
 
 @compiled
@@ -270,7 +272,7 @@ def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, 
             four[m], stars[m] = base[k, m], star[k, m]
         seen_by = supporters(verifier.sky, image, sigma, four[:3], verifier.tolerance_sigmas)
         if support(verifier.sky, seen_by, stars[0], stars[1], stars[2],
-                   _LEAST_SUPPORT) <= _LEAST_SUPPORT:
+                   LEAST_SUPPORT) <= LEAST_SUPPORT:
             continue
         verification = verify(verifier, seen, sigma, four, stars, tested)
         if verification.false_alarm < best.false_alarm:
@@ -278,7 +280,7 @@ def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, 
     return row, best
 
 
-def _in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
+def in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
     """Return an identification with the stars of another list of the same image."""
     found = attempt.identification
     known = np.flatnonzero(found.hip)
@@ -303,7 +305,7 @@ def _lenses(shape: tuple[int, int], table: int) -> tuple[_Lens, ...]:
                  if lens.low * lens.fov_deg < COARSEST_PIXEL_DEG * max(shape))
 
 
-def _camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.0) -> Camera:
+def ideal_camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.0) -> Camera:
     """Return the ideal camera whose long side has the tangent of half its field."""
     height, width = shape
     focal = max(shape) / 2 / float(tangent)

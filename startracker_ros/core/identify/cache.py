@@ -30,7 +30,8 @@ def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
     stored = stored_arrays('catalogue', key, build)
     arrays = stored.arrays
     onboard = OnboardCatalog(**{name: arrays[name] for name in _COLUMNS},
-                             crowd_rad=float(arrays['crowd_rad']), stored=stored)
+                             crowd_rad=float(arrays['crowd_rad']), stored=stored,
+                             sky_share=1.0)
     # What is otherwise computed when first used.
     vars(onboard).update(digest=key, grid=SkyGrid(
         onboard.direction, int(arrays['cells']), arrays['start'], arrays['member']))

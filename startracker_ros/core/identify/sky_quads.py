@@ -37,6 +37,7 @@ _INNER = 4
 _FEWEST_STARS = 150
 # Cells of the codes along x, 0 to 1, and along y, -1 to 1.
 _CELLS_X, _CELLS_Y = 26, 52
+CODE_CELLS = (_CELLS_X * _CELLS_Y) ** 2
 
 
 class QuadTable(NamedTuple):
@@ -68,62 +69,82 @@ def sky_quads(catalog: StarCatalog, epoch_year: float, least_deg: float, most_de
     A level has density stars in the square of its side; even has as many everywhere.
     """
     def build() -> dict[str, np.ndarray]:
-        return _build(catalog.directions(epoch_year), least_deg, most_deg, density,
-                      even)._asdict()
+        return quad_table(*quads_of(catalog.directions(epoch_year), least_deg, most_deg, density,
+                                    even=even))._asdict()
     stored = stored_arrays('quads', digest(
         catalog.digest, epoch_year, least_deg, most_deg, density, even), build)
     return SkyQuads(QuadTable(**stored.arrays), stored)
 
 
-def _build(direction: np.ndarray, least_deg: float, most_deg: float, density: float,
-           even: bool = False) -> QuadTable:
-    """Return the table of stars (N, 3), brightest first."""
-    parts, side_rad = [], np.radians(least_deg)
-    while side_rad < np.radians(most_deg) * 0.999:
+def quads_of(direction: np.ndarray, least_deg: float, most_deg: float, density: float, *,
+             even: bool = False, inner: int = _INNER, sky_share: float = 1.0
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return codes, stars and sides of the quads of stars (N, 3), brightest first.
+
+    Arguments are those of sky_quads(); inner is from how many stars C and D are, sky_share what
+    the stars cover.
+    """
+    parts = [(np.empty((0, 4), np.float32), np.empty((0, 4), np.int32), np.empty(0, np.float32))]
+    for side_rad in np.radians(level_sides_deg(least_deg, most_deg)) if len(direction) else ():
         if even:
             bright = brightest_everywhere(direction, density / side_rad ** 2)
         else:
             bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS))
             bright = bright[:len(direction)]
-        star = bright[_not_crowded(direction[bright], _CROWD * side_rad)]
-        parts.append(_level(direction, star, side_rad))
-        side_rad *= _STEP
+        parts.append(_level(direction, bright, side_rad, inner, sky_share))
     code, quad, side = (np.concatenate(columns) for columns in zip(*parts))
-    cell = _cells(code)
+    return code, quad, side
+
+
+def level_sides_deg(least_deg: float, most_deg: float) -> list[float]:
+    """Return the side of each level."""
+    sides, side_deg = list[float](), least_deg
+    while side_deg < most_deg * 0.999:
+        sides.append(side_deg)
+        side_deg *= _STEP
+    return sides
+
+
+def quad_table(code: np.ndarray, quad: np.ndarray, side: np.ndarray) -> QuadTable:
+    """Return the table of quads in any order."""
+    cell = code_cells(code)
     order = np.argsort(cell, kind='stable')
-    start = np.zeros((_CELLS_X * _CELLS_Y) ** 2 + 1, np.int32)
+    start = np.zeros(CODE_CELLS + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
     return QuadTable(code[order], quad[order], side[order], start)
 
 
-def _not_crowded(direction: np.ndarray, radius_rad: float) -> np.ndarray:
-    """Return the indices of stars (N, 3), brightest first, without a brighter one so close."""
-    pairs, _ = pairs_within(sky_grid(direction), 2 * np.sin(radius_rad / 2))
-    return np.setdiff1d(np.arange(len(direction)), pairs[:, 1])
-
-
-def _level(direction: np.ndarray, star: np.ndarray, side_rad: float
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _level(direction: np.ndarray, star: np.ndarray, side_rad: float, inner: int,
+           sky_share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return codes, stars and sides of the quads of a level."""
     longest = min(_STEP * side_rad, np.pi / 2)
-    pairs, square = pairs_within(sky_grid(direction[star]), 2 * np.sin(longest / 2))
+    pairs, square = pairs_within(sky_grid(direction[star], sky_share),
+                                 2 * np.sin(longest / 2))
+    # Without those that have a brighter star close to them.
+    alone = np.ones(len(star), bool)
+    alone[pairs[square <= (2 * np.sin(_CROWD * side_rad / 2)) ** 2, 1]] = False
+    kept = alone[pairs].all(1)
+    pairs, square = pairs[kept], square[kept]
     # Neighbours of each star, brightest first.
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    both = both[np.lexsort((both[:, 1], both[:, 0]))]
-    start = np.searchsorted(both[:, 0], np.arange(len(star) + 1))
+    # A star and its neighbour as one number: sorted faster than in two columns.
+    first, second = pairs.T.astype(np.int64)
+    both = np.sort(np.concatenate([first << 32 | second, second << 32 | first]))
+    start = np.searchsorted(both, np.arange(len(star) + 1) << 32)
     long = pairs[square >= (2 * np.sin(side_rad / 2)) ** 2]
-    code, quad, side = _quads(direction[star], long, both[:, 1].copy(), start)
+    neighbour = (both & 0xFFFFFFFF).astype(np.int32)
+    code, quad, side = _quads(direction[star], long, neighbour, start, inner)
     return code, star.astype(np.int32)[quad], side
 
 
 @compiled
-def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start: np.ndarray
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start: np.ndarray,
+           most_inner: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return codes, stars and sides of the quads of the pairs long (P, 2)."""
-    most = len(long) * (_INNER * (_INNER - 1) // 2)
+    most = len(long) * (most_inner * (most_inner - 1) // 2)
     code, quad = np.empty((most, 4), np.float32), np.empty((most, 4), np.int32)
     side = np.empty(most, np.float32)
-    inner, four, one = np.empty(_INNER, np.int64), np.empty(4, np.int64), np.empty(4)
+    inner, four, one = np.empty(most_inner, np.int64), np.empty(4, np.int64), np.empty(4)
     count = 0
     for p in range(len(long)):
         a, b = long[p, 0], long[p, 1]
@@ -134,7 +155,7 @@ def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start
             if squared_chord(direction, a, c) < limit and squared_chord(direction, b, c) < limit:
                 inner[found] = c
                 found += 1
-                if found == _INNER:
+                if found == most_inner:
                     break
         for i in range(found):
             for j in range(i):
@@ -197,7 +218,7 @@ def _cell_y(y: float) -> int:
 
 
 @compiled
-def _cells(code: np.ndarray) -> np.ndarray:
+def code_cells(code: np.ndarray) -> np.ndarray:
     """Return the cell (Q,) of each code (Q, 4)."""
     cell = np.empty(len(code), np.int64)
     for q in range(len(code)):

@@ -118,11 +118,11 @@ def _order_support(base: np.ndarray, first: int, second: int, third: int) -> flo
     return _ORDER_SUPPORT[inversions]
 
 
-@compiled
-def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int, enough: float
-            ) -> float:
+@inlined
+def support_of_places(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int,
+                      enough: float) -> float:
     """
-    Return the support of a candidate: base is these three catalogue stars, numbered by brightness.
+    Return the support of the other stars for a candidate: base is these three catalogue stars.
 
     A sum that can no longer exceed enough is not completed.
     """
@@ -131,9 +131,8 @@ def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int
     bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
     cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
     found, left = 0.0, gain.sum()
-    order = _order_support(stars.base, first, second, third)
     for i in range(len(reach)):
-        if found + left + order <= enough:
+        if found + left <= enough:
             break
         left -= gain[i]
         x = weight[i, 0] * ax + weight[i, 1] * bx + weight[i, 2] * cx
@@ -142,4 +141,13 @@ def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int
         unit = 1 / np.sqrt(x * x + y * y + z * z)
         if nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0:
             found += gain[i]
+    return found
+
+
+@compiled
+def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int, enough: float
+            ) -> float:
+    """Return the support of a candidate as above, of stars that are numbered by brightness."""
+    order = _order_support(stars.base, first, second, third)
+    found = support_of_places(sky, stars, first, second, third, enough - order)
     return found + order if found else 0.0

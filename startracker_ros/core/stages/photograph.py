@@ -17,20 +17,24 @@ from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
 from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.core.camera.distortion import EQUIDISTANT
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify import blind
 from startracker_ros.core.identify.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
+from startracker_ros.core.identify.searched_fields import HIGHEST_DEG, LOWEST_DEG
+from startracker_ros.core.identify.tiled import Fields, Place, TiledIdentifier
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
-# Of the nominal camera, and of any field; a fisheye is certain.
-_SEARCHES = 2
+# Of the nominal camera, and of any field; a fisheye is certain. With a catalogue of the user, of
+# its narrow fields near a position, and anywhere.
+_SEARCHES, _TILED_SEARCHES = 2, 2
 _FISHEYE_DEG = 180.0
 # A wider lens is mostly a fisheye, some of whose stars another lens explains: all are searched.
 _WIDEST_DEG = 90.0
@@ -38,7 +42,12 @@ _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
 class _Search(NamedTuple):
-    """How one image is searched; coarse says why its pixels resolve no stars, empty if they do."""
+    """
+    How one image is searched.
+
+    any_field is whether that is of other fields than of the camera; coarse says why its pixels
+    resolve no stars, empty if they do.
+    """
 
     camera: Camera
     identify: Callable[[Iterable[Centroids]], Iterator[Attempt]]
@@ -46,6 +55,7 @@ class _Search(NamedTuple):
     fov_error: float
     attempts: int
     fields: str
+    any_field: bool = True
     coarse: str = ''
 
 
@@ -54,25 +64,31 @@ class PhotographSolver:
     Solves photographs at one epoch; the lens is fitted to each.
 
     A nominal camera is believed first, then any field of view is searched: both together are as
-    strict as one identification. Fisheyes are the last, and certain.
+    strict as one identification. Fisheyes are the last, and certain. A catalogue of the user is
+    searched before all others, for the narrow fields that it is made for.
     """
 
-    def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions()
-                 ) -> None:
+    def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
+                 catalogue: TiledCatalogue | None = None) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        options = replace(options, false_alarm_max=options.false_alarm_max / _SEARCHES)
+        self._count = _SEARCHES if catalogue is None else _SEARCHES + _TILED_SEARCHES
+        options = replace(options, false_alarm_max=options.false_alarm_max / self._count)
+        self._fov_error = options.fov_error_percent / 100
+        self._tiled = None if catalogue is None else TiledIdentifier(
+            catalogue, epoch_year, options)
         self._blind = BlindIdentifier(epoch_year, options)
         self._fisheye = FisheyeIdentifier(epoch_year, self._blind.wide_quads)
         # Not of a method of this object: the cycle would keep the databases.
         self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
     def solve(self, image: np.ndarray, nominal: Camera | None = None,
-              observer: Observer = AT_REST, bodies: Bodies = Bodies()) -> Solution:
+              observer: Observer = AT_REST, bodies: Bodies = Bodies(),
+              place: Place | None = None) -> Solution:
         """
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
         nominal is the camera as far as it is known; observer is how the camera moved; bodies are
-        no stars.
+        no stars; place is where the image is, for the catalogue of the user.
         """
         height, width = image.shape
         likely_deg = LIKELY_DEG if nominal is None else float(np.degrees(max(
@@ -81,6 +97,8 @@ class PhotographSolver:
                     _any_fisheye(self._fisheye, (height, width))]
         if nominal is not None:
             searches.insert(0, self._known(nominal))
+        narrow, lack = self._narrow(nominal, (height, width), place)
+        searches[:0] = narrow
         detections, first = Detections(image), searches[0]
         extraction = detections.extraction
         if len(extraction.centroids) < MIN_STARS:
@@ -92,7 +110,7 @@ class PhotographSolver:
         rejected = ''
         best: Solution | None = None
         for search in searches:
-            solved, why_not = _first_lens(search.identify(detections), search.fov_error)
+            solved, why_not = first_lens(search.identify(detections), search.fov_error)
             rejected = rejected or why_not
             if solved is None:
                 mirrored = '' if best else _mirrored(detections, search, width)
@@ -104,11 +122,11 @@ class PhotographSolver:
             if lens.rejected:
                 rejected = lens.rejected
                 continue
-            found = _identification(attempt, lens, search.attempts * _SEARCHES, observer)
+            found = _identification(attempt, lens, search.attempts * self._count, observer)
             if best is None or lens.matched > best.matched:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
                                 SkyMapping(lens.camera, lens.axis_quaternion), seen,
-                                None if search is first else nominal)
+                                nominal if search.any_field else None)
             if best.fov_deg <= _WIDEST_DEG:
                 break
         if best is not None:
@@ -117,15 +135,33 @@ class PhotographSolver:
         unexplained = (f'{len(most)} spots, no lens of '
                        f'{" and none of ".join(search.fields for search in searches)} explains '
                        'them as stars: another --fov-deg, or no night sky')
+        if lack:
+            unexplained += f'; {lack}'
         return Solution.none(first.camera, most, 'no_candidate',
                              rejected or extraction.reason or unexplained)
+
+    def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
+                ) -> tuple[list[_Search], str]:
+        """Return the searches with the catalogue of the user, and what it lacks for others."""
+        searches, lacks = list[_Search](), list[str]()
+        for one in (None,) if place is None else (place, None):
+            fields = None if self._tiled is None else self._tiled.fields_about(
+                nominal, self._fov_error, one)
+            if self._tiled is None or fields is None:
+                continue
+            lack = self._tiled.lack(one, fields)
+            if not lack:
+                searches.append(_with_tiles(self._tiled, shape, fields, one, nominal))
+            elif one is place:
+                lacks.append(lack)
+        return searches, '; '.join(lacks)
 
 
 def _mirrored(detections: Detections, search: _Search, width: int) -> str:
     """Return what a mirrored image shows, empty if it is none."""
     flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
                        covariance=ROUND) for centroids in detections]
-    solved, _ = _first_lens(search.identify_mirrored(flipped), search.fov_error)
+    solved, _ = first_lens(search.identify_mirrored(flipped), search.fov_error)
     if solved is None:
         return ''
     _, lens = solved
@@ -144,7 +180,20 @@ def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: 
         lambda lists: identify(lists, shape),
         lambda lists: identifier.identify_quickly(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS,
-        f'{blind.LOWEST_DEG:g} to {blind.HIGHEST_DEG:g} deg')
+        f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg')
+
+
+def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fields,
+                place: Place | None, nominal: Camera | None) -> _Search:
+    """Return the search of an image of shape (H, W) with a catalogue of the user."""
+    height, width = shape
+    where = 'anywhere' if place is None else str(place)
+    identify = partial(identifier.identify, shape=shape, fields=fields, place=place)
+    return _Search(
+        nominal or Camera.from_fov(width, height, fields.high_deg), identify,
+        partial(identify, quickly=True), blind.LENS_ERROR, blind.ATTEMPTS,
+        f'{fields.low_deg:.3g} to {fields.high_deg:.3g} deg in {identifier.catalogue.folder} '
+        f'{where}', any_field=False)
 
 
 def _any_fisheye(identifier: FisheyeIdentifier, shape: tuple[int, int]) -> _Search:
@@ -165,10 +214,10 @@ def _known_field(epoch_year: float, options: IdentificationOptions, camera: Came
     ladder = LadderIdentifier(camera, epoch_year, options)
     return _Search(camera, ladder.identify, ladder.identify_mirrored,
                    options.fov_error_percent / 100, ATTEMPTS,
-                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', coarse)
+                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False, coarse=coarse)
 
 
-def _first_lens(attempts: Iterable[Attempt], fov_error: float
+def first_lens(attempts: Iterable[Attempt], fov_error: float
                 ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
     """Return the first attempt whose lens is accepted, and why the last other one is not."""
     rejected = ''

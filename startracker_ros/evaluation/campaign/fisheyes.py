@@ -9,7 +9,7 @@ and partly cropped, in an image of one of three shapes. Its axis is up to 75 deg
 It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the Moon, dimmed by the
 air, with a noise of 0.3 to 1 px, and 30 spots that are none: the Moon, lamps along the horizon,
 the rest anywhere. The solver is given the star list and the shape of the image, nothing else: it
-searches fields of 0.6 to 120 deg, then fisheyes. Lists without a sky, and mirrored and shuffled
+searches fields of any lens, then fisheyes. Lists without a sky, and mirrored and shuffled
 nights, must have no answer.
 """
 

@@ -79,6 +79,13 @@ _bench('identification', 'bench.identification:run_identification_bench',
        'Frames left unidentified: close pairs resolved, joined or missed, many false spots.',
        trials_option(10_000, 'Frames of each camera and model of close pairs.'),
        only_option('Cases'), scheduler_option, known='ALL_CASES')
+_bench('own-catalogue', 'bench.own_catalogue:run_own_catalogue_bench',
+       'Narrow fields with a deep catalogue of the user, near a position and anywhere.',
+       trials_option(100, 'Images of each case and search.'), only_option('Cases'),
+       click.option('--stars', type=click.IntRange(100_000), default=15_000_000,
+                    show_default=True, help='Stars of the simulated sky.'),
+       click.option('--folder', type=click.Path(path_type=Path),
+                    help='Where the catalogue is kept for other runs.'), known='CASES')
 _bench('bag', 'bench.bag:run_bag_bench',
        'Damaged bags, reading beside the mcap library, pace of a playback, cost of recording.',
        click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,

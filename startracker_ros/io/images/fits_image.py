@@ -22,7 +22,8 @@ class FitsImage(NamedTuple):
     Pixels (H, W) upright, field of view of the long side in deg and time, None if unknown.
 
     bottom_up is whether the first row of the file is the lowest one of the image, order_known
-    whether the header says so.
+    whether the header says so. pointing_deg is where the telescope was, right ascension and
+    declination, None if unknown.
     """
 
     image: np.ndarray
@@ -30,6 +31,7 @@ class FitsImage(NamedTuple):
     taken: Taken | None
     bottom_up: bool
     order_known: bool
+    pointing_deg: tuple[float, float] | None
 
 
 def read_fits(content: bytes, most_pixels: int) -> FitsImage:
@@ -58,7 +60,7 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
     # The byte order of the file is that of no array operation of OpenCV.
     image = image.astype(image.dtype.newbyteorder('='))
     return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up,
-                     order in ('TOP-DOWN', 'BOTTOM-UP'))
+                     order in ('TOP-DOWN', 'BOTTOM-UP'), _pointing_deg(header))
 
 
 def _plane(cube: np.ndarray) -> np.ndarray:
@@ -99,6 +101,27 @@ def _taken(header: Any) -> Taken | None:
         return None
     utc = time if time.tzinfo else time.replace(tzinfo=UTC)
     return Taken(round(utc.timestamp() * 1e6) * 1000, 'T' in text, 'DATE-OBS')
+
+
+def _pointing_deg(header: Any) -> tuple[float, float] | None:
+    """Return OBJCTRA and OBJCTDEC, or RA and DEC in deg, which mounts write."""
+    for names, ra_unit in ((('OBJCTRA', 'OBJCTDEC'), 15.0), (('RA', 'DEC'), 1.0)):
+        ra, dec = (_sexagesimal(header.get(name)) for name in names)
+        if ra is not None and dec is not None and abs(dec) <= 90 and abs(ra * ra_unit) <= 360:
+            return ra * ra_unit, dec
+    return None
+
+
+def _sexagesimal(value: Any) -> float | None:
+    """Return a number of a header, as 5.5 or 05 30 00, or None."""
+    try:
+        parts = [float(part) for part in str(value).replace(':', ' ').split()]
+    except ValueError:
+        return None
+    if not 1 <= len(parts) <= 3:
+        return None
+    size = sum(abs(part) / 60 ** k for k, part in enumerate(parts))
+    return -size if str(value).strip().startswith('-') else size
 
 
 def _fov_deg(header: Any, side_px: int) -> float | None:

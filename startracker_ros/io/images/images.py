@@ -52,7 +52,8 @@ class Photograph(NamedTuple):
 
     fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
     is whether the file has the lowest row of the image first, order_known whether it says which,
-    mirrored whether its first column is the last one of the image.
+    mirrored whether its first column is the last one of the image. pointing_deg is where a mount
+    says that it is, right ascension and declination.
     """
 
     image: np.ndarray
@@ -61,6 +62,7 @@ class Photograph(NamedTuple):
     bottom_up: bool = False
     order_known: bool = True
     mirrored: bool = False
+    pointing_deg: tuple[float, float] | None = None
 
     @property
     def fov_x_deg(self) -> float | None:
@@ -106,7 +108,8 @@ def read_photograph(path: str | Path) -> Photograph:
     begin = content[:_CHECKED_BYTES].tobytes()
     try:
         if begin.startswith(fits_image.BEGIN):
-            return Photograph(*fits_image.read_fits(content.tobytes(), MOST_PIXELS))
+            found = fits_image.read_fits(content.tobytes(), MOST_PIXELS)._asdict()
+            return Photograph(**found)
         if path.suffix.lower() in _RAW_SUFFIXES:
             return _read_raw(content.tobytes())
     except (ValueError, MissingLibraryError) as error:

@@ -10,6 +10,8 @@ import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
+from startracker_ros.core.identify.searched_fields import (
+    HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
 from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
@@ -132,14 +134,20 @@ Examples:
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge; one that '
-              'does not fit is dropped.  [default: EXIF, then a search from 0.6 to 120 deg, then '
-              'of fisheyes]')
+              'does not fit is dropped.  [default: EXIF, then a search from '
+              f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg, then of fisheyes]')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
+@click.option('--catalogue', type=click.Path(path_type=Path),
+              help='Folder that `startracker catalogue` has written: images of '
+              f'{TILED_LOWEST_DEG:g} to {TILED_HIGHEST_DEG:g} deg are searched there first.')
+@click.option('--near', 'near_deg', type=float, nargs=2, metavar='RA DEC',
+              help='Where the images are, in deg, within 5 deg: faster with --catalogue.  '
+              '[default: OBJCTRA and OBJCTDEC, or RA and DEC, of a FITS header]')
 @click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
               'telescope with one mirror too many.')
 @click.option('--frames', 'selection', type=_Frames(), default=':', metavar='FIRST:END:STEP',
@@ -153,6 +161,7 @@ Examples:
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
           selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
+          catalogue: Path | None, near_deg: tuple[float, float] | None,
           **observer_site: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
@@ -160,26 +169,93 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     IMAGES are files, folders of them, or patterns. Each frame of a video is an image.
     """
     from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.core.catalog.tiles import CatalogueError
     from startracker_ros.core.identify.identification import IdentificationOptions
     from startracker_ros.tools.photographs.outputs import Outputs
     from startracker_ros.tools.photographs.solve import (
         CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
+    if catalogue is not None and camera_file is not None:
+        raise click.UsageError('give either --catalogue or --camera: with a catalogue the lens is '
+                               'fitted')
+    if near_deg is not None and catalogue is None:
+        raise click.UsageError('--near is for narrow fields: give --catalogue as well')
+    if near_deg is not None and not (abs(near_deg[0]) <= 360 and abs(near_deg[1]) <= 90):
+        raise click.UsageError(f'--near {near_deg}: no right ascension and declination in deg')
     paths = _image_files(images)
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
-    with usage_error_on(CameraError):
+    with usage_error_on(CameraError), exit_1_on(CatalogueError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer_site=_observer_site(**observer_site),
                              mirror=mirror, selection=selection,
                              outputs=Outputs(annotate_folder, wcs_folder),
+                             catalogue=catalogue, near_deg=near_deg,
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent,
                                  time_limit_s=PHOTOGRAPH_LIMIT_S))
     print_result(result, as_json)
     if not all(row['solved'] for row in result.rows):
         sys.exit(1)
+
+
+class _Column(click.ParamType):
+    """ROLE=NAME, a column of a star catalogue."""
+
+    name = 'role=name'
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> tuple[str, str]:
+        from startracker_ros.io.star_tables import ROLES
+        role, mark, name = str(value).partition('=')
+        if role not in ROLES or not mark or not name:
+            self.fail(f'{value!r} is no ROLE=NAME with one of the roles {", ".join(ROLES)}')
+        return role, name
+
+
+_CATALOGUE_EXAMPLES = """\b
+Examples:
+  startracker catalogue gaia.parquet -o ~/gaia14 --faintest 14
+  startracker catalogue ucac4.csv -o ~/ucac --column magnitude=f.mag --epoch 2000
+  startracker solve image.fits --catalogue ~/gaia14
+"""
+
+
+@click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_CATALOGUE_EXAMPLES)
+@click.argument('files', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option('-o', '--output', required=True, type=click.Path(path_type=Path),
+              help='Folder to write; a catalogue that is there is replaced.')
+@click.option('--column', 'columns', type=_Column(), multiple=True, metavar='ROLE=NAME',
+              help='Name of a column that is not recognised: ra and dec in deg, magnitude, pmra '
+              'and pmdec in mas/yr, epoch.')
+@click.option('--epoch', 'epoch_year', type=click.FloatRange(1800, 2200),
+              help='Julian year of the positions.  [default: the column ref_epoch]')
+@click.option('--faintest', type=float, default=None,
+              help='Leave fainter stars out, magnitude.  [default: all]')
+@click.option('--least-deg', type=click.FloatRange(0.1, 1.5), default=TILED_LOWEST_DEG,
+              show_default=True,
+              help='Narrowest field of view, long side, that is searched without a position.')
+@click.option('--blind/--no-blind', default=True, show_default=True,
+              help='Whether images without a position can be searched: of all the sky and from '
+              '0.3 deg on this takes 1 GB, from 0.6 deg less than half of it.')
+@json_option
+def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, str], ...],
+              epoch_year: float | None, faintest: float | None, least_deg: float, blind: bool,
+              as_json: bool) -> None:
+    """
+    Make a catalogue for narrow fields out of star tables: CSV, FITS or Parquet FILES.
+
+    `startracker solve --catalogue FOLDER` searches it.
+    """
+    from startracker_ros.core.catalog.tiles import CatalogueError
+    from startracker_ros.tools.catalogue.build import build_catalogue
+    with exit_1_on(CatalogueError, output=output):
+        result = build_catalogue(
+            files, output, columns=dict(columns), epoch_year=epoch_year,
+            faintest=float('inf') if faintest is None else faintest, least_deg=least_deg,
+            blind=blind)
+    print_result(result, as_json)
 
 
 @click.command()

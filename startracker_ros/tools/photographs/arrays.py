@@ -33,13 +33,15 @@ Image = np.ndarray | str | Path
 
 def solve(image: Image, fov_deg: float | None = None,
           epoch: float | datetime | None = None, fov_error_percent: float | None = None, *,
-          camera: Camera | None = None, **options: Any) -> Solution:
+          camera: Camera | None = None, catalogue: str | Path | None = None,
+          near_deg: tuple[float, float] | None = None, **options: Any) -> Solution:
     """
     Return attitude and lens of an image, as `startracker solve` does.
 
-    fov_deg is the horizontal field of view; without it the file has it, or a search from 0.6 to
-    120 deg and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
-    by default 5, of a calibrated camera 0.5.
+    fov_deg is the horizontal field of view; without it the file has it, or a search of all fields
+    and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
+    by default 5, of a calibrated camera 0.5. catalogue is a folder of `startracker catalogue`, for
+    narrow fields; near_deg right ascension and declination of the image within 5 deg.
     epoch is the Julian year or the time, UTC where it names no zone: without it that of the file,
     else today without aberration. Where a FITS file does not say the order of its rows and the
     image is mirrored, the result is that of the other order (turned_over). options are those of
@@ -48,6 +50,10 @@ def solve(image: Image, fov_deg: float | None = None,
     """
     if fov_deg is not None and camera is not None:
         raise ValueError('give either fov_deg or camera')
+    if camera is not None and catalogue is not None:
+        raise ValueError('give either catalogue or camera: with a catalogue the lens is fitted')
+    if near_deg is not None and catalogue is None:
+        raise ValueError('near_deg is for a catalogue of narrow fields: give catalogue as well')
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera is None else CALIBRATED_PERCENT
     chosen = options_by_class((IdentificationOptions,), {
@@ -57,8 +63,8 @@ def solve(image: Image, fov_deg: float | None = None,
     photograph = _photograph(image)
     when = epoch_of(_year(epoch), photograph.taken)
     site = ObserverSite()
-    return _solvers(fov_deg, camera, chosen).solve(
-        _name(image), photograph, when, site.observer(when), site.bodies(when))[0]
+    return _solvers(fov_deg, camera, chosen, catalogue).solve(
+        _name(image), photograph, when, site.observer(when), site.bodies(when), near_deg)[0]
 
 
 # The pattern databases of the newest cameras.

@@ -18,11 +18,13 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.identify.tiled import Place
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
@@ -44,6 +46,8 @@ DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_pro
 UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
 # Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
 PHOTOGRAPH_LIMIT_S = 1.0
+NEAR_DEG = 5.0
+"""How far an image may be from the position that is given for it."""
 
 
 class Shot(NamedTuple):
@@ -126,20 +130,24 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
                 observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
                 selection: slice = slice(None), outputs: Outputs = Outputs(),
+                catalogue: Path | None = None, near_deg: tuple[float, float] | None = None,
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
-    from 0.6 to 120 deg and fisheyes are searched where that is unknown or does not fit. epoch_year
-    None is the time of each image by EXIF, else today. mirror flips each image from left to right
-    first; the result is that of the flipped image. A mirrored FITS image whose header has no
-    ROWORDER has its first row at the top. selection is that of the frames of videos and of
-    animated or paged files, each of which is a row. CameraError for an impossible camera; an
+    fields and fisheyes are searched where that is unknown or does not fit. catalogue is the folder
+    of one for narrow fields, near_deg their right ascension and declination within NEAR_DEG;
+    without it that of a FITS header, and anywhere. epoch_year None is the time of each image by
+    EXIF, else today. mirror flips each image from left to right first; the result is that of the
+    flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
+    selection is that of the frames of videos and of animated or paged files, each of which is a
+    row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue; an
     unreadable image is a row of its own.
     """
     blind = fov_deg is None and camera_file is None
-    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
+    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options,
+                      catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
         if shot.photograph is None:
@@ -150,7 +158,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         observer = observer_site.observer(when)
         try:
             solution, solve_ms = solvers.solve(
-                shot.path, photograph, when, observer, observer_site.bodies(when))
+                shot.path, photograph, when, observer, observer_site.bodies(when), near_deg)
         except ImageError as error:
             rows.append(_unreadable(shot, str(error)))
             continue
@@ -187,33 +195,41 @@ class Solvers:
     What solves images, by camera and epoch.
 
     The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both that of the
-    file or any.
+    file or any. catalogue is the folder of one for narrow fields of uncalibrated cameras.
     """
 
     def __init__(self, fov_deg: float | None, camera: Camera | None,
-                 options: IdentificationOptions) -> None:
+                 options: IdentificationOptions, catalogue: Path | str | None = None) -> None:
+        """CatalogueError for a folder without a catalogue."""
         self._fov_deg = fov_deg
         self._calibrated = camera
         # Images of one camera and one night mostly follow each other. Not of methods of this
         # object: the cycle would keep the databases until garbage is collected.
-        self._photographs = lru_cache(maxsize=2)(partial(PhotographSolver, options=options))
+        self._photographs = lru_cache(maxsize=2)(partial(
+            PhotographSolver, options=options,
+            catalogue=None if catalogue is None else TiledCatalogue(catalogue)))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
-              bodies: Bodies) -> tuple[Solution, float]:
+              bodies: Bodies, near_deg: tuple[float, float] | None = None
+              ) -> tuple[Solution, float]:
         """
         Return the solution of an image and its time in ms; ImageError.
 
-        A mirrored image is turned over where the order of its rows is not known.
+        A mirrored image is turned over where the order of its rows is not known. near_deg is that
+        of solve_files().
         """
-        solution, time_ms = self._solve(path, photograph, when, observer, bodies)
+        near_deg = near_deg or photograph.pointing_deg
+        place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
+        solution, time_ms = self._solve(path, photograph, when, observer, bodies, place)
         if solution.status == 'mirrored' and not photograph.order_known:
-            solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies)
+            solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies,
+                                            place)
             return replace(solution, turned_over=True), time_ms + more_ms
         return solution, time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
-               bodies: Bodies) -> tuple[Solution, float]:
+               bodies: Bodies, place: Place | None) -> tuple[Solution, float]:
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
@@ -221,7 +237,7 @@ class Solvers:
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
             start_s = time.perf_counter()
-            solution = solver.solve(image, nominal, observer, bodies)
+            solution = solver.solve(image, nominal, observer, bodies, place)
         else:
             camera = camera_of(path, image, self._calibrated, None)
             # In 9 days no bright star moves by 0.1 arcsec.

@@ -7,7 +7,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from startracker_ros.core.identify.sky_quads import _build, matching_quads, quad_code
+from startracker_ros.core.identify.sky_quads import (
+    matching_quads, quad_code, quad_table, quads_of)
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
 
 ANYTHING = 0.1, 10.0
@@ -56,7 +57,7 @@ def test_the_code_is_where_c_and_d_are_between_a_and_b():
 @pytest.mark.parametrize('order', [*permutations(range(4))])
 def test_four_stars_are_found_in_any_order(order):
     direction = sky()
-    table = _build(direction, 20.0, 40.0, 1.0)
+    table = quad_table(*quads_of(direction, 20.0, 40.0, 1.0))
     for row in range(0, len(table.star), len(table.star) // 20):
         star = table.star[row][list(order)]
         image, quad, ratio = matching_quads(table, direction[star], 0, 4, 1e-4, *ANYTHING, 100)
@@ -68,7 +69,7 @@ def test_four_stars_are_found_in_any_order(order):
 def test_the_table_has_quads_of_its_sides_alone():
     """And most of all there are: of more than four stars between A and B the brightest."""
     direction = sky(40)
-    table = _build(direction, 40.0, 56.0, 1.0)
+    table = quad_table(*quads_of(direction, 40.0, 56.0, 1.0))
     dot = direction @ direction.T
     longest = {four: np.degrees(np.arccos(min(dot[pair] for pair in combinations(four, 2))))
                for four in combinations(range(40), 4)}
@@ -86,7 +87,7 @@ def test_cells_give_a_poor_sky_as_many_quads_as_a_rich_one():
     direction = vectors[(vectors[:, 2] > 0) | (rng.uniform(size=len(vectors)) < 0.1)]
     quads, poor = [], []
     for even in (False, True):
-        table = _build(direction, 5.0, 7.0, 1.0, even)
+        table = quad_table(*quads_of(direction, 5.0, 7.0, 1.0, even=even))
         middle = direction[table.star].mean(axis=1)
         quads.append(len(table.star))
         poor.append(np.mean(middle[:, 2] < 0))
@@ -97,7 +98,7 @@ def test_cells_give_a_poor_sky_as_many_quads_as_a_rich_one():
 
 def test_a_table_finds_what_a_search_of_all_its_codes_finds():
     direction, rng = sky(), np.random.default_rng(2)
-    table = _build(direction, 20.0, 40.0, 1.0)
+    table = quad_table(*quads_of(direction, 20.0, 40.0, 1.0))
     image = cap(6, 0.5, rng)
     base, quad, _ = matching_quads(table, image, 0, 6, 0.05, *ANYTHING, 10_000)
     assert len(quad)
