@@ -198,11 +198,15 @@ class AngularAcceleration:
         """Return the largest variance (3,) of errors of attitudes, another one in each frame."""
         return self.estimate.white * self._dt_s ** 4 if self.is_known else np.full(3, np.inf)
 
-    def jump_within(self, exposure_s: tuple[float, float]) -> float:
-        """Return the probability of a jump of the rate within the last exposure."""
+    def jump_within(self, exposure_s: tuple[float, float], hidden: float = 0.0) -> float:
+        """
+        Return the probability of a jump of the rate within the last exposure.
+
+        hidden is that of one since the frame before, by another measure.
+        """
         if math.isnan(self._dt_s):
             return 0.0
-        return self._probability * min(exposure_s[1] / self._dt_s, 1.0)
+        return max(self._probability, hidden) * min(exposure_s[1] / self._dt_s, 1.0)
 
     def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float) -> Shift:
         """

@@ -21,10 +21,11 @@ from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.maths.small_algebra import is_positive_definite
-from startracker_ros.core.track.acceleration import AngularAcceleration, lacking
+from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, STEADY
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
+from startracker_ros.core.track.hidden_jumps import HiddenJumps
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
@@ -101,7 +102,7 @@ class AttitudeModel(StarModel):
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._measured: AttitudeEstimate | None = None
         self._jumps, self._mixture = RateJumps(), NO_JUMP
-        self._process_noise = ProcessNoise()
+        self._hidden_jumps, self._process_noise = HiddenJumps(), ProcessNoise()
         self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
 
@@ -142,8 +143,8 @@ class AttitudeModel(StarModel):
             if mixture.is_certain:
                 correction, mixture = correction._replace(state=state), NO_JUMP
             self._mixture = mixture
-            # All of it may be light of a jump that has hardly moved the body.
-            self._moved = rotation_between(predicted.quaternion, state.quaternion)
+            self._moved = (rotation_between(predicted.quaternion, state.quaternion)
+                           - self._hidden_jumps.expected)
             self._stamp_jitter.add(self._state, predicted, correction.state, measured,
                                    self._acceleration.white_rad2)
             self._set_state(correction.state, hypothesis.uses_gyro)
@@ -163,6 +164,7 @@ class AttitudeModel(StarModel):
         self._stamp_jitter.interrupt()
         self._acceleration.interrupt()
         self._mixture = self._jumps.interrupt()
+        self._hidden_jumps.interrupt()
         self._process_noise.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
@@ -318,10 +320,13 @@ class AttitudeModel(StarModel):
         covariance -= 2 * share * estimate.covariance_sensor
         estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
         covariance += estimate.covariance_sensor
-        # A jump moves the light, or ends the acceleration that is taken out.
-        probability = self._acceleration.jump_within(self._exposure_s)
-        for error in self._moved, turn:
-            covariance += lacking(covariance, error, probability)
+        # A jump moves the light, or ends the acceleration that is taken out. Of one before the
+        # frame the filter has followed a part.
+        hidden = self._hidden_jumps
+        probability = self._acceleration.jump_within(self._exposure_s, hidden.probability)
+        for error, chance in ((self._moved, probability), (turn, probability),
+                              (hidden.unexpected - self._moved, hidden.probability)):
+            covariance += lacking(covariance, error, chance)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=covariance)
 
@@ -337,6 +342,7 @@ class AttitudeModel(StarModel):
         if not adds:
             self._measured = None
             self._acceleration.interrupt()
+            self._hidden_jumps.interrupt()
             self._process_noise.interrupt()
             return self._jumps.interrupt()
         self._measured = AttitudeEstimate(
@@ -349,6 +355,7 @@ class AttitudeModel(StarModel):
         else:
             turn = rotation_between(contradicted.quaternion, self._measured.quaternion)
             mixture = self._jumps.found(counts=self._acceleration.is_known)
+        is_steady = self._acceleration.estimate.way == STEADY
         self._acceleration.add(
             corrected.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
             turn, mixture.newest)
@@ -356,6 +363,12 @@ class AttitudeModel(StarModel):
             self._process_noise.interrupt()
         else:
             self._process_noise.add(hypothesis.prediction, predicted.covariance, turn, covariance)
+        if (hypothesis.prediction is None or hypothesis.uses_gyro or mixture.is_certain
+                or not is_steady or common is not _NO_ERROR):
+            self._hidden_jumps.interrupt()
+        else:
+            self._hidden_jumps.add(hypothesis.prediction, turn, covariance,
+                                   self._process_noise.ratio, self._jumps.share)
         return mixture
 
     @property

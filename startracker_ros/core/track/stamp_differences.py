@@ -18,6 +18,7 @@ LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as th
 LEAST_PRODUCTS = 3
 # Times the variance of the measured time by the centroids, of many products and of few.
 SIGNIFICANT, FEW = 4.0, 20.0
+EXPECTED = 2.0  # the same once the stamps have erred, or may do
 SHAKEN = 2.0  # times what a camera that shakes moves across its rate as well
 
 
@@ -68,15 +69,15 @@ def measured_turn(predicted: AttitudeState, corrected: AttitudeState
 
 @compiled
 def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeState,
-              corrected: AttitudeState, measured: AttitudeState, interval_ratio: float
-              ) -> tuple[bool, float, float]:
+              corrected: AttitudeState, measured: AttitudeState, interval_ratio: float,
+              expected: bool) -> tuple[bool, float, float]:
     """
     Add t_k of a frame to the memory; return the variance of the stamps and r, both s^2.
 
     With the attitude a_k that measured has beside the prediction, its covariance R and the
     predicted rate w, as in stamp_jitter.py: r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k.
-    interval_ratio is dt_k / dt_k-1. The first is False where there is no such attitude, or w is
-    zero.
+    interval_ratio is dt_k / dt_k-1, expected whether the stamps have erred so far. The first is
+    False where there is no such attitude, or w is zero.
     """
     rate = predicted.rate
     adds, turn, R = measured_turn(predicted, measured)
@@ -106,16 +107,17 @@ def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeSta
     for axis in range(2):
         memory.across_s[axis, -1] = (difference[axis] - rate[axis] * along / square) / math.sqrt(
             axes * (rate @ rate))
-    return True, _stamp_variance(memory), 1 / square
+    return True, _stamp_variance(memory, expected), 1 / square
 
 
 @compiled
-def _stamp_variance(memory: Differences) -> float:
+def _stamp_variance(memory: Differences, expected: bool) -> float:
     """Return s^2 out of the mean product of successive times, 0 where it is not significant."""
     seen, noise, products = white_variance(memory.times_s, memory.variances_s2)
     if products < LEAST_PRODUCTS:
         return 0.0
-    significant, shaken = (SIGNIFICANT + FEW / products) * noise, 0.0
+    least = EXPECTED if expected else SIGNIFICANT
+    significant, shaken = (least + FEW / products) * noise, 0.0
     for axis in range(2):
         shaken += white_variance(memory.across_s[axis], memory.variances_s2)[0]
     shaken = shaken - noise if shaken > significant else 0.0

@@ -24,7 +24,8 @@ time, s^2 is less by what -u_k u_k-1 / 4 is more than r.
 
 In the first frames the stamps may err by DOUBT_S: no more than the size of the few products so
 far leaves room for, whatever their signs. From DOUBT_FRAMES on only what that size shows counts,
-and their signs decide alone after twice as many.
+and their signs decide alone after twice as many. Stamps that have erred so far may go on to do
+so: less is significant then, and what is known fades slowly.
 """
 
 import math
@@ -33,7 +34,8 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.track.stamp_differences import add_frame, Differences
 
-MEMORY = 0.95  # of the frames before
+MEMORY = 0.95  # of the rates of the frames before
+FADES = 0.98  # from frame to frame, a variance that the last frames alone do not show
 DOUBT_S, DOUBT_FRAMES = 5e-3, 10
 """What stamps of frames that are stamped on arrival err by, on a machine that is not loaded."""
 
@@ -78,13 +80,14 @@ class StampJitter:
         interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
         adds, learnt_s2, variance_s2 = add_frame(
             self._differences, before, predicted, corrected, measured,
-            interval_s / self._interval_s)
+            interval_s / self._interval_s,
+            self._frames > DOUBT_FRAMES and bool(self.turn_rad.any()))
         if not adds:
             self.interrupt()
             return
         self._interval_s = interval_s
         # A few times that happen to agree do not end what many have shown.
-        learnt_s2 = max(learnt_s2, MEMORY * self.sigma_s ** 2)
+        learnt_s2 = max(learnt_s2, FADES * self.sigma_s ** 2)
         self.sigma_s = math.sqrt(learnt_s2) if learnt_s2 > variance_s2 else 0.0
         most_s = self._most_s(white_rad2, np.diagonal(measured.covariance)[:3])
         self.sigma_s = min(self.sigma_s, most_s)
