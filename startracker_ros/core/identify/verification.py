@@ -157,12 +157,19 @@ class Verifier:
 
 
 def _borders(camera: Camera) -> tuple[float, float, float, float]:
-    """Return the least and largest undistorted coordinates a, then b, on the axes of the image."""
+    """
+    Return the least and largest undistorted coordinates a, then b, on the axes of the image.
+
+    They are those of the image circle where that is smaller.
+    """
     right, bottom = camera.width - 0.5, camera.height - 0.5
     middle_u, middle_v = (right - 0.5) / 2, (bottom - 0.5) / 2
     edges = undistorted(camera.lens, np.array([[-0.5, middle_v], [right, middle_v],
                                                [middle_u, -0.5], [middle_u, bottom]]))
-    return (float(edges[0, 0]), float(edges[1, 0]), float(edges[2, 1]), float(edges[3, 1]))
+    border = edges[[0, 1, 2, 3], [0, 0, 1, 1]]
+    low_a, high_a, low_b, high_b = np.where(
+        np.isnan(border), camera.lens.farthest_rad * np.array([-1, 1, -1, 1]), border).tolist()
+    return low_a, high_a, low_b, high_b
 
 
 def _field_counts(sky: SkyGrid, area: float) -> np.ndarray:

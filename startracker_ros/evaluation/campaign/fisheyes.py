@@ -16,6 +16,7 @@ nights, must have no answer.
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 import time
 
 import numpy as np
@@ -193,6 +194,9 @@ NO_SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
     'mirrored': draw_mirrored, 'shuffled': draw_shuffled}
 """What has no answer, by name."""
 
+KINDS = (*PROJECTIONS, *NO_SKIES)
+"""Names of all draws."""
+
 
 def _no_stars(shape: tuple[int, int], uv: np.ndarray, rng: np.random.Generator,
               flux: np.ndarray | None = None) -> FisheyeNight:
@@ -235,25 +239,25 @@ def first_lens(night: FisheyeNight, *identifiers: BlindIdentifier | FisheyeIdent
         LENS_ERROR)
 
 
-def run_fisheyes_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
-    """Run the draws and count."""
-    names = [*PROJECTIONS, *NO_SKIES]
+def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
+                          kept: Path | None = None, scheduler: str = '') -> Result:
+    """Run the draws of each kind and count; kept is a folder for the results of parts."""
+    names = tuple(dict.fromkeys(only or KINDS))
     outcomes = dict(zip(names, parallel_trials(
         solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed, title='fisheyes',
-        scheduler=scheduler)))
-    nights = joined([outcomes[name] for name in PROJECTIONS])
-    solved = 100 * float(np.mean(nights.correct))
-    rows = [Row('solved', solved, '%', least=99),
-            *(Row(f'solved, {name}', 100 * float(np.mean(outcomes[name].correct)), '%')
-              for name in PROJECTIONS)]
-    wrong = int(np.sum(nights.wrong))
-    rows.append(Row('wrong', wrong, 'nights', exactly=0))
-    for name in NO_SKIES:
-        accepted = int(np.sum(outcomes[name].wrong))
-        rows.append(Row(f'accepted, {name}', accepted, 'lists', exactly=0))
-    slowest_s = float(np.max(nights.cpu_s))
-    rows += [Row('time, median', float(np.median(nights.cpu_s)), 's'),
-             Row('time, longest', slowest_s, 's', most=_TIME_S)]
+        scheduler=scheduler, kept=kept)))
+    of_skies = [name for name in names if name in PROJECTIONS]
+    rows = []
+    if of_skies:
+        nights = joined([outcomes[name] for name in of_skies])
+        rows += [Row('solved', 100 * float(np.mean(nights.correct)), '%', least=99),
+                 *(Row(f'solved, {name}', 100 * float(np.mean(outcomes[name].correct)), '%')
+                   for name in of_skies),
+                 Row('wrong', int(np.sum(nights.wrong)), 'nights', exactly=0),
+                 Row('time, median', float(np.median(nights.cpu_s)), 's'),
+                 Row('time, longest', float(np.max(nights.cpu_s)), 's', most=_TIME_S)]
+    rows += [Row(f'accepted, {name}', int(np.sum(outcomes[name].wrong)), 'lists', exactly=0)
+             for name in names if name in NO_SKIES]
     return Result('campaign fisheyes', rows, {
         'machine': machine(),
         'lens': f'{FOV_DEG[0]:g} to {FOV_DEG[1]:g} deg, axis off by up to {CENTRE:.0%} of the '
