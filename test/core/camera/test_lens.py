@@ -138,6 +138,15 @@ def test_outside_the_circle_of_a_fisheye_is_no_direction():
     assert camera.seen_y_rad == pytest.approx(np.pi, abs=0.02)
 
 
+def test_a_fisheye_shows_all_within_its_circle():
+    """At 94 deg the radius is at its largest, 2.2 focal lengths: more than the angle, 1.6 rad."""
+    camera = Camera(1000, 1000, 305.0, 305.0, 436.0, 544.5,
+                    (0.043, 0.0565, -0.00928, -0.00458), EQUIDISTANT)
+    theta = np.radians(np.arange(1.0, 93.5))
+    direction = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=1)
+    np.testing.assert_allclose(camera.unproject(camera.project(direction)), direction, atol=1e-9)
+
+
 def test_a_fisheye_that_folds_too_early_or_sees_all_around_is_rejected():
     with pytest.raises(CameraError, match='folds'):
         replace(Camera.from_fov(800, 800, 150, EQUIDISTANT), distortion=(-0.3, 0.0, 0.0, 0.0))
