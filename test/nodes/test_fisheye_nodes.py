@@ -18,13 +18,15 @@ from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import attitude_error
-from startracker_ros.io.bags.layouts import camera_from_message, ns_from_stamp
+from startracker_ros.io.bags.layouts import (
+    camera_from_message, CENTROID_DTYPE, ns_from_stamp, read_cloud)
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import CaptureOptions
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
 from startracker_ros.ros.messages.clouds import tracks_from_message
+from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.demos.live_demo import read_stamped
@@ -44,6 +46,20 @@ MOTION = motion_from_options(MotionOptions(motion='constant_rate', rate_deg_s=(0
 EPOCH_YEAR = time.time() / 31557600 + 1970
 
 
+# Of lamps in the corners, outside the circle of the second lens.
+LAMPS = [(30, 40), (990, 35), (60, 985)]
+
+
+def picture(simulator, time_s):
+    """Return the image of a time, with lamps."""
+    image = simulator.frame(time_s).image
+    most, sigma_px = np.iinfo(image.dtype).max, DetectorOptions().psf_sigma_px
+    lamps = np.zeros(image.shape, np.float32)
+    lamps[tuple(np.transpose(LAMPS))] = 0.3 * most * 2 * np.pi * sigma_px ** 2
+    lit = image + cv2.GaussianBlur(lamps, (0, 0), sigma_px)
+    return lit.clip(0, most).astype(image.dtype)
+
+
 class Night(NamedTuple):
     """Images of a lens, and what calibrate has made of two others of the night."""
 
@@ -60,9 +76,9 @@ def night(request, tmp_path_factory):
     images, before = folder / 'images', [folder / f'before{k}.png' for k in range(2)]
     images.mkdir()
     for path, time_s in zip(before, (100.0, 900.0)):
-        cv2.imwrite(str(path), simulator.frame(time_s).image)
+        cv2.imwrite(str(path), picture(simulator, time_s))
     for number in range(FRAMES):
-        cv2.imwrite(str(images / f'{number:03d}.png'), simulator.frame(number / RATE_HZ).image)
+        cv2.imwrite(str(images / f'{number:03d}.png'), picture(simulator, number / RATE_HZ))
     calibrate_files(before, folder / 'camera.yaml', epoch_year=EPOCH_YEAR,
                     distortion_model='equidistant')
     return Night(lens, images, folder / 'camera.yaml')
@@ -85,7 +101,8 @@ def test_the_nodes_track_the_sky_of_a_fisheye(nodes, probe, night):
     nodes.start('attitude_estimator', deep_queues('tracks.subscription',
                                                   'tracked_attitude.subscription'))
     for kind, topic in ((QuaternionStamped, 'attitude'), (Imu, 'attitude_imu'),
-                        (PointCloud2, 'tracks'), (CameraInfo, 'camera_info')):
+                        (PointCloud2, 'centroids'), (PointCloud2, 'tracks'),
+                        (CameraInfo, 'camera_info')):
         probe.collect(kind, topic, qos.LIST)
     probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
     probe.wait(lambda: all(map(probe.count_publishers, ('attitude', 'tracks', 'stars'))),
@@ -109,6 +126,13 @@ def test_the_nodes_track_the_sky_of_a_fisheye(nodes, probe, night):
     assert sorted(found)[-FRAMES // 2:] == sorted(trusted)[-FRAMES // 2:]
     assert set(trusted) == {ns_from_stamp(one.header.stamp) for one in probe.received['attitude']}
     assert errors_px(night, probe.received['attitude'], begin_ns).max() < 0.1
+    # The lamps are seen; outside the image circle they have no direction.
+    spots = read_cloud(probe.received['centroids'][0], CENTROID_DTYPE)
+    for row, column in LAMPS:
+        near = np.hypot(spots['u'] - column, spots['v'] - row) < 1
+        assert near.any()
+        assert np.isnan(spots['x'][near]).all() == np.isnan(
+            camera.unproject([column, row])).any()
     # Tracked stars are all over the image.
     direction = camera.unproject(tracks_from_message(probe.received['tracks'][-1]).uv)
     assert len(direction) > 20 and direction[:, 2].min() < np.cos(np.radians(65))
