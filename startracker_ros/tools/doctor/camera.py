@@ -18,7 +18,8 @@ from startracker_ros.ros.processes import node_environment
 from startracker_ros.tools.doctor.check import Check
 
 # Narrower fields hold too few stars of the catalogue to be lost in space (docs/catalog.md);
-# in wider ones a pixel is too coarse for anything but a try. A fisheye sees dozens of bright stars.
+# in wider ones a pixel is too coarse for anything but a try, but fisheyes see dozens of bright
+# stars.
 _FOV_DEG = (5.0, 60.0)
 _AXES_RATIO = 0.02
 _CENTRE_SHARE = 0.1

@@ -10,7 +10,7 @@ from startracker_ros.evaluation.campaign.parallel import parallel_trials
 
 
 def draw(calls, broken, trials, seed):
-    """Return numbers; every call adds a line to a file, the third part fails while it is broken."""
+    """Return numbers; every call adds a line to a file, the third fails while broken exists."""
     with calls.open('a') as file:
         file.write(f'{seed}\n')
     if broken.exists() and seed % 1_000_003 == 4:
