@@ -32,8 +32,9 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 # Of the nominal camera, and of any field; a fisheye is certain.
 _SEARCHES = 2
 _FISHEYE_DEG = 180.0
-# A wider lens is mostly a fisheye, some of whose stars another lens explains: all are searched.
-_WIDEST_DEG = 90.0
+# A wider lens may be a fisheye, some of whose stars another lens explains: all are searched. Where
+# the field is given it is mostly right.
+_WIDEST_DEG, _WIDEST_GIVEN_DEG = 45.0, 90.0
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -117,7 +118,7 @@ class PhotographSolver:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
                                 SkyMapping(lens.camera, lens.axis_quaternion), seen,
                                 None if search is first else nominal)
-            if best.fov_deg <= _WIDEST_DEG:
+            if best.fov_deg <= (_WIDEST_DEG if nominal is None else _WIDEST_GIVEN_DEG):
                 break
         if best is not None:
             return best
