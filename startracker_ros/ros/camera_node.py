@@ -311,13 +311,13 @@ class CameraNode(PipelineNode):
         if newest.camera is not None and camera != newest.camera:
             self.diagnostics.report_event(
                 f'another camera: {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.fov_x_rad):.2f} deg wide')
+                f'{np.degrees(camera.seen_x_rad):.2f} deg wide')
             # Frames of the camera before.
             self._end_set_up()
         if camera != newest.camera or abs(epoch_year - newest.epoch_year) > self.EPOCH_TOLERANCE:
             self.get_logger().info(
                 f'camera {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
+                f'{np.degrees(camera.seen_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
             self._set_up(camera, epoch_year)
 
     def _set_up(self, camera: Camera, epoch_year: float) -> None:

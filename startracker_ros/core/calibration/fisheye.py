@@ -124,9 +124,12 @@ class FisheyeIdentifier:
         try:
             camera = Camera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy,
                             coefficients_of(EQUIDISTANT, lens.terms), EQUIDISTANT)
+            sensor = camera.unproject(centroids.uv[row])
+            # The errors of stars at the edge of the image circle lead out of it.
+            inside = np.isfinite(sensor).all(axis=1)
             attitude = estimate_attitude(
-                camera.unproject(centroids.uv[row]), self._onboard.direction[matched[row]],
-                np.maximum(centroids.sigma_px[row], 1.0) * camera.pixel_rad)
+                sensor[inside], self._onboard.direction[matched[row[inside]]],
+                np.maximum(centroids.sigma_px[row[inside]], 1.0) * camera.pixel_rad)
         except (CameraError, AttitudeError):
             return None
         hip, magnitude, residual_px = per_centroid(

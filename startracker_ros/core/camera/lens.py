@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.distortion import LARGEST_RAD, Terms
-from startracker_ros.core.compiled import compiled, inlined
+from startracker_ros.core.compiled import compiled
 
 
 class Lens(NamedTuple):
@@ -38,7 +38,9 @@ class Lens(NamedTuple):
 # An equidistant lens that folds beyond this angle has an image circle; else its terms are wrong.
 _CIRCLE_RAD = np.radians(65.0)
 _ANGLE_STEP_RAD = 1 / 256
-_LARGEST_ERROR = 1e-9  # of an inverse, in focal lengths
+# Errors of an inverse in focal lengths: none, and the largest one.
+_EXACT, _LARGEST_ERROR = 1e-14, 1e-9
+_MOST_STEPS = 60
 
 
 @compiled
@@ -125,27 +127,46 @@ def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
     NaN where a pixel has no direction: beyond the farthest angle, outside the image circle.
     """
     a, b = x, y
+    if lens.equidistant:
+        r = np.hypot(x, y)
+        scale = _angle_at(lens, r) / r if r > 0 else 1.0
+        return scale * x, scale * y
     for _ in range(20 if lens.distorted else 0):
         distorted_x, distorted_y = distort(lens.terms, a, b)
         ex, ey = distorted_x - x, distorted_y - y
-        if max(abs(ex), abs(ey)) < 1e-14:
+        if max(abs(ex), abs(ey)) < _EXACT:
             break
         xx, cross, yy = distortion_jacobian(lens.terms, a, b)
         determinant = xx * yy - cross * cross
         a -= (yy * ex - cross * ey) / determinant
         b -= (xx * ey - cross * ex) / determinant
-    if lens.equidistant and not _is_inverse(lens, a, b, x, y):
-        return np.nan, np.nan
     return a, b
 
 
-@inlined
-def _is_inverse(lens: Lens, a: float, b: float, x: float, y: float) -> bool:
-    """Return whether a, b is within the farthest angle, and distorted x, y."""
-    if not a * a + b * b <= lens.farthest_rad ** 2:
-        return False
-    distorted_x, distorted_y = distort(lens.terms, a, b)
-    return max(abs(distorted_x - x), abs(distorted_y - y)) < _LARGEST_ERROR
+@compiled
+def _angle_at(lens: Lens, r: float) -> float:
+    """
+    Return the angle to the axis at a distorted radius of an equidistant lens, NaN for none.
+
+    The radius grows up to the farthest angle. A step of Newton's method that leaves the bounds
+    found so far is one to their middle: near the edge of an image circle it would go far beyond.
+    """
+    k1, k2, _, _, k3, k4, _, _, _ = lens.terms
+    low, high = 0.0, lens.farthest_rad
+    theta, beyond = min(r, high), np.inf
+    for _ in range(_MOST_STEPS):
+        s = theta * theta
+        beyond = theta * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))) - r
+        if abs(beyond) < _EXACT:
+            break
+        if beyond > 0:
+            high = theta
+        else:
+            low = theta
+        theta -= beyond / (1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4))))
+        if not low < theta < high:
+            theta = (low + high) / 2
+    return theta if abs(beyond) < _LARGEST_ERROR else np.nan
 
 
 @compiled

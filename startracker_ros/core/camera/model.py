@@ -109,11 +109,20 @@ class Camera:
 
         The edges are those of the image circle where that is smaller than the image.
         """
-        x, _, z = self.unproject(np.array([[-0.5, self.cy], [self.width - 0.5, self.cy]])).T
-        left, right = np.arctan2(x, z)
-        farthest = self.lens.farthest_rad if np.isnan(right - left) else 0.0
-        return float((farthest if np.isnan(right) else right)
-                     - (-farthest if np.isnan(left) else left))
+        return self._seen_rad(0, [[-0.5, self.cy], [self.width - 0.5, self.cy]])
+
+    @property
+    def seen_y_rad(self) -> float:
+        """Vertical field of view, as seen_x_rad."""
+        return self._seen_rad(1, [[self.cx, -0.5], [self.cx, self.height - 0.5]])
+
+    def _seen_rad(self, axis: int, edges: list[list[float]]) -> float:
+        """Return the angle from the first to the last pixel of a column or row, about an axis."""
+        direction = self.unproject(np.array(edges))
+        angles = np.arctan2(direction[:, axis], direction[:, 2])
+        farthest = self.lens.farthest_rad if np.isnan(angles).any() else 0.0
+        low, high = np.where(np.isnan(angles), [-farthest, farthest], angles)
+        return float(high - low)
 
     def angle_rad(self, radius: float) -> float:
         """Return the angle from the axis at a radius in undistorted coordinates, signed."""

@@ -33,6 +33,7 @@ MAX_VERIFIED = 5
 
 # Random directions at which the density of the sky is sampled.
 _SAMPLES = 2000
+_CORNERS = 33  # along each side of the image, of the cells whose solid angles are added
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Verifier:
             float(tolerance_sigmas), float(scale_error), camera.model.equidistant,
             # A field of view wider than nominal contains stars from a little beyond.
             (*_borders(camera), 2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
-            area, _field_counts(sky, area), bases_by_brightness, lens_known)
+            area, _field_counts(sky, _solid_angle(camera)), bases_by_brightness, lens_known)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
@@ -157,18 +158,33 @@ class Verifier:
 
 
 def _borders(camera: Camera) -> tuple[float, float, float, float]:
-    """Return the least and largest undistorted coordinates a, then b, on the axes of the image."""
+    """
+    Return the least and largest undistorted coordinates a, then b, on the axes of the image.
+
+    They are those of the image circle where that is smaller.
+    """
     right, bottom = camera.width - 0.5, camera.height - 0.5
     middle_u, middle_v = (right - 0.5) / 2, (bottom - 0.5) / 2
     edges = undistorted(camera.lens, np.array([[-0.5, middle_v], [right, middle_v],
                                                [middle_u, -0.5], [middle_u, bottom]]))
-    return (float(edges[0, 0]), float(edges[1, 0]), float(edges[2, 1]), float(edges[3, 1]))
+    border = edges[[0, 1, 2, 3], [0, 0, 1, 1]]
+    low_a, high_a, low_b, high_b = np.where(
+        np.isnan(border), camera.lens.farthest_rad * np.array([-1, 1, -1, 1]), border).tolist()
+    return low_a, high_a, low_b, high_b
 
 
-def _field_counts(sky: SkyGrid, area: float) -> np.ndarray:
-    """Return the sorted numbers of stars in discs of an area in rad^2."""
+def _solid_angle(camera: Camera) -> float:
+    """Return that of the image in sr, or of its circle: a wide lens shows less than its area."""
+    u, v = (np.linspace(-0.5, side - 0.5, _CORNERS) for side in (camera.width, camera.height))
+    corner = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))
+    across, down = np.diff(corner, axis=1)[:-1], np.diff(corner, axis=0)[:, :-1]
+    return float(np.nansum(np.linalg.norm(np.cross(across, down), axis=-1)))
+
+
+def _field_counts(sky: SkyGrid, solid_angle: float) -> np.ndarray:
+    """Return the sorted numbers of stars in discs of a solid angle in sr."""
     # Archimedes: the cap of a sphere has the area of a disc whose radius is its chord.
-    chord = min(np.sqrt(area / np.pi), 2.0)
+    chord = min(np.sqrt(solid_angle / np.pi), 2.0)
     vectors = np.random.default_rng(0).standard_normal((_SAMPLES, 3))
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.sort(count_near(sky, vectors, chord))

@@ -36,8 +36,9 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 # its narrow fields near a position, and anywhere.
 _SEARCHES, _TILED_SEARCHES = 2, 2
 _FISHEYE_DEG = 180.0
-# A wider lens is mostly a fisheye, some of whose stars another lens explains: all are searched.
-_WIDEST_DEG = 90.0
+# A wider lens may be a fisheye, some of whose stars another lens explains: all are searched. Where
+# the field is given it is mostly right.
+_WIDEST_DEG, _WIDEST_GIVEN_DEG = 45.0, 90.0
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -90,33 +91,42 @@ class PhotographSolver:
         nominal is the camera as far as it is known; observer is how the camera moved; bodies are
         no stars; place is where the image is, for the catalogue of the user.
         """
-        height, width = image.shape
-        likely_deg = LIKELY_DEG if nominal is None else float(np.degrees(max(
-            nominal.fov_x_rad, nominal.fov_y_rad)))
-        searches = [_any_field(self._blind, (height, width), likely_deg, nominal is not None),
-                    _any_fisheye(self._fisheye, (height, width))]
-        if nominal is not None:
-            searches.insert(0, self._known(nominal))
-        narrow, lack = self._narrow(nominal, (height, width), place)
-        searches[:0] = narrow
-        detections, first = Detections(image), searches[0]
+        detections = Detections(image)
         extraction = detections.extraction
         if len(extraction.centroids) < MIN_STARS:
             most = max(detections, key=len, default=Centroids.empty())
             if len(most) < MIN_STARS:
-                return Solution.none(first.camera, most, extraction.status, extraction.reason)
+                camera = _likely(image.shape) if nominal is None else nominal
+                return Solution.none(camera, most, extraction.status, extraction.reason)
+        return self.solve_lists(
+            detections, image.shape, nominal, observer, bodies, place, extraction.reason)
+
+    def solve_lists(self, lists: Iterable[Centroids], shape: tuple[int, int],
+                    nominal: Camera | None = None, observer: Observer = AT_REST,
+                    bodies: Bodies = Bodies(), place: Place | None = None, remark: str = ''
+                    ) -> Solution:
+        """
+        Return what solve() does, from lists of the spots of an image of shape (H, W) px.
+
+        The lists are tried in turn; remark is what else may be the reason for no solution.
+        """
+        searches = [_any_field(self._blind, shape, nominal), _any_fisheye(self._fisheye, shape)]
+        if nominal is not None:
+            searches.insert(0, self._known(nominal))
+        narrow, lack = self._narrow(nominal, shape, place)
+        searches[:0] = narrow
+        first = searches[0]
         if first.coarse:
-            return Solution.none(first.camera, extraction.centroids, 'too_small', first.coarse)
+            return Solution.none(first.camera, next(iter(lists)), 'too_small', first.coarse)
         rejected = ''
         best: Solution | None = None
         for search in searches:
-            solved, why_not = first_lens(search.identify(detections), search.fov_error)
+            solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
             if solved is None:
-                mirrored = '' if best else _mirrored(detections, search, width)
+                mirrored = '' if best else _mirrored(lists, search, shape[1])
                 if mirrored:
-                    return Solution.none(
-                        first.camera, max(detections, key=len), 'mirrored', mirrored)
+                    return Solution.none(first.camera, max(lists, key=len), 'mirrored', mirrored)
                 continue
             attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
             if lens.rejected:
@@ -127,18 +137,18 @@ class PhotographSolver:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
                                 SkyMapping(lens.camera, lens.axis_quaternion), seen,
                                 nominal if search.any_field else None)
-            if best.fov_deg <= _WIDEST_DEG:
+            if best.fov_deg <= (_WIDEST_DEG if nominal is None else _WIDEST_GIVEN_DEG):
                 break
         if best is not None:
             return best
-        most = max(detections, key=len)
+        most = max(lists, key=len)
         unexplained = (f'{len(most)} spots, no lens of '
                        f'{" and none of ".join(search.fields for search in searches)} explains '
                        'them as stars: another --fov-deg, or no night sky')
         if lack:
             unexplained += f'; {lack}'
         return Solution.none(first.camera, most, 'no_candidate',
-                             rejected or extraction.reason or unexplained)
+                             rejected or remark or unexplained)
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
                 ) -> tuple[list[_Search], str]:
@@ -157,10 +167,10 @@ class PhotographSolver:
         return searches, '; '.join(lacks)
 
 
-def _mirrored(detections: Detections, search: _Search, width: int) -> str:
+def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
     """Return what a mirrored image shows, empty if it is none."""
     flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
-                       covariance=ROUND) for centroids in detections]
+                       covariance=ROUND) for centroids in lists]
     solved, _ = first_lens(search.identify_mirrored(flipped), search.fov_error)
     if solved is None:
         return ''
@@ -170,13 +180,18 @@ def _mirrored(detections: Detections, search: _Search, width: int) -> str:
             f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
 
-def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float,
-               given: bool) -> _Search:
-    """Return the search of an image of shape (H, W) of any field, short if one is given."""
+def _likely(shape: tuple[int, int]) -> Camera:
+    """Return the camera that stands for that of an image of shape (H, W)."""
     height, width = shape
-    identify = identifier.identify_quickly if given else identifier.identify
+    return Camera.from_fov(width, height, LIKELY_DEG)
+
+
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], nominal: Camera | None
+               ) -> _Search:
+    """Return the search of an image of shape (H, W) of any field, short after a nominal one."""
+    identify = identifier.identify if nominal is None else identifier.identify_quickly
     return _Search(
-        Camera.from_fov(width, height, likely_deg),
+        _likely(shape),
         lambda lists: identify(lists, shape),
         lambda lists: identifier.identify_quickly(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS,

@@ -8,24 +8,21 @@ Each draw has a lens of its own: one of five projections, a circle of 100 to 190
 and partly cropped, in an image of one of three shapes. Its axis is up to 75 deg from the zenith.
 It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the Moon, dimmed by the
 air, with a noise of 0.3 to 1 px, and 30 spots that are none: the Moon, lamps along the horizon,
-the rest anywhere. The solver is given the star list and the shape of the image, nothing else: it
-searches fields of any lens, then fisheyes. Lists without a sky, and mirrored and shuffled
-nights, must have no answer.
+the rest anywhere. The solver of photographs is given the star list and the shape of the image,
+nothing else. Lists without a sky, and mirrored and shuffled nights, must have no answer.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import chain
+from pathlib import Path
 import time
 
 import numpy as np
-from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
-from startracker_ros.core.calibration.learnt_lens import LearntLens
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
-from startracker_ros.evaluation.campaign.lenses import accepted_lens
+from startracker_ros.core.stages.photograph import PhotographSolver
+from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.evaluation.campaign.parallel import joined, parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import machine
@@ -72,10 +69,9 @@ class FisheyeNight:
     direction: np.ndarray
     uv: np.ndarray
 
-    def error_px(self, lens: LearntLens) -> float:
-        """Return the median distance of the stars in a fitted lens from their pixels."""
-        seen = lens.camera.project(self.direction @ matrix_from_quaternion(lens.axis_quaternion))
-        apart = np.linalg.norm(seen - self.uv, axis=1)
+    def error_px(self, sky: SkyMapping) -> float:
+        """Return the median distance of the stars in a solved image from their pixels."""
+        apart = np.linalg.norm(sky.pixels(self.direction) - self.uv, axis=1)
         return float(np.median(np.where(np.isnan(apart), np.inf, apart)))
 
 
@@ -193,6 +189,9 @@ NO_SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
     'mirrored': draw_mirrored, 'shuffled': draw_shuffled}
 """What has no answer, by name."""
 
+KINDS = (*PROJECTIONS, *NO_SKIES)
+"""Names of all draws."""
+
 
 def _no_stars(shape: tuple[int, int], uv: np.ndarray, rng: np.random.Generator,
               flux: np.ndarray | None = None) -> FisheyeNight:
@@ -213,47 +212,37 @@ class NightOutcome:
 
 def solve_nights(name: str, trials: int, seed: int) -> NightOutcome:
     """Search so many nights of a projection, or lists without a sky, by name."""
-    blind = BlindIdentifier(EPOCH_YEAR)
-    fisheye = FisheyeIdentifier(EPOCH_YEAR, blind.wide_quads)
+    solver = PhotographSolver(EPOCH_YEAR)
     rng, rows = np.random.default_rng(seed), []
     for _ in range(trials):
         night = NO_SKIES[name](rng) if name in NO_SKIES else draw_night(rng, name)
         start_s = time.process_time()
-        lens = first_lens(night, blind, fisheye)
+        sky = solver.solve_lists([night.centroids], night.shape).sky
         cpu_s = time.process_time() - start_s
-        correct = (lens is not None and len(night.uv) > 0
-                   and night.error_px(lens) < _CORRECT_PX)
-        rows.append((correct, lens is not None and not correct, cpu_s))
+        correct = sky is not None and len(night.uv) > 0 and night.error_px(sky) < _CORRECT_PX
+        rows.append((correct, sky is not None and not correct, cpu_s))
     return NightOutcome(*(np.array(column) for column in zip(*rows)))
 
 
-def first_lens(night: FisheyeNight, *identifiers: BlindIdentifier | FisheyeIdentifier
-               ) -> LearntLens | None:
-    """Return the first accepted lens of identifiers in turn, None for none."""
-    return accepted_lens(chain.from_iterable(
-        identifier.identify([night.centroids], night.shape) for identifier in identifiers),
-        LENS_ERROR)
-
-
-def run_fisheyes_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
-    """Run the draws and count."""
-    names = [*PROJECTIONS, *NO_SKIES]
+def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
+                          kept: Path | None = None, scheduler: str = '') -> Result:
+    """Run the draws of each kind and count; kept is a folder for the results of parts."""
+    names = tuple(dict.fromkeys(only or KINDS))
     outcomes = dict(zip(names, parallel_trials(
         solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed, title='fisheyes',
-        scheduler=scheduler)))
-    nights = joined([outcomes[name] for name in PROJECTIONS])
-    solved = 100 * float(np.mean(nights.correct))
-    rows = [Row('solved', solved, '%', least=99),
-            *(Row(f'solved, {name}', 100 * float(np.mean(outcomes[name].correct)), '%')
-              for name in PROJECTIONS)]
-    wrong = int(np.sum(nights.wrong))
-    rows.append(Row('wrong', wrong, 'nights', exactly=0))
-    for name in NO_SKIES:
-        accepted = int(np.sum(outcomes[name].wrong))
-        rows.append(Row(f'accepted, {name}', accepted, 'lists', exactly=0))
-    slowest_s = float(np.max(nights.cpu_s))
-    rows += [Row('time, median', float(np.median(nights.cpu_s)), 's'),
-             Row('time, longest', slowest_s, 's', most=_TIME_S)]
+        scheduler=scheduler, kept=kept)))
+    of_skies = [name for name in names if name in PROJECTIONS]
+    rows = []
+    if of_skies:
+        nights = joined([outcomes[name] for name in of_skies])
+        rows += [Row('solved', 100 * float(np.mean(nights.correct)), '%', least=99),
+                 *(Row(f'solved, {name}', 100 * float(np.mean(outcomes[name].correct)), '%')
+                   for name in of_skies),
+                 Row('wrong', int(np.sum(nights.wrong)), 'nights', exactly=0),
+                 Row('time, median', float(np.median(nights.cpu_s)), 's'),
+                 Row('time, longest', float(np.max(nights.cpu_s)), 's', most=_TIME_S)]
+    rows += [Row(f'accepted, {name}', int(np.sum(outcomes[name].wrong)), 'lists', exactly=0)
+             for name in names if name in NO_SKIES]
     return Result('campaign fisheyes', rows, {
         'machine': machine(),
         'lens': f'{FOV_DEG[0]:g} to {FOV_DEG[1]:g} deg, axis off by up to {CENTRE:.0%} of the '
@@ -264,5 +253,5 @@ def run_fisheyes_campaign(*, trials: int, seed: int, scheduler: str = '') -> Res
         'given': 'nothing',
         'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
         'accepted': 'any answer to spots that are no sky',
-        'times': 'process CPU time of both searches',
+        'times': 'process CPU time of all searches',
         'trials': trials, 'seed': seed})

@@ -107,7 +107,11 @@ _campaign('lenses', 'campaign.lenses:run_lenses_campaign',
 _campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
           'Star lists of fisheyes of which nothing is known, and spots that are no sky.',
           trials_option(200, 'Nights of each projection, lists of each kind without a sky.'),
-          scheduler_option)
+          only_option('Kinds'),
+          click.option('--keep', 'kept', type=click.Path(path_type=Path, file_okay=False),
+                       metavar='FOLDER', help='Folder for the results of parts: a run that was '
+                       'interrupted goes on with those of the same commit.'),
+          scheduler_option, known='KINDS', kind='kind')
 _campaign('heads', 'campaign.heads:run_heads_campaign',
           'Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads.',
           trials_option(50, 'Runs of 2000 frames for each figure, a 25th of them for learning '

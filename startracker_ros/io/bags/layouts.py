@@ -45,8 +45,9 @@ _NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8
 POINT_FIELD_TYPES = {name: number for number, name in _NUMPY_TYPES.items()}
 # A camera comes with every image: it is checked once.
 _camera = lru_cache(Camera)
-# Fields in which NaN has a meaning: not identified, not observed in this frame.
-_MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
+# Fields in which NaN has a meaning: outside the image circle, not identified, not observed in this
+# frame.
+_MAY_BE_NAN = {'x', 'y', 'z', 'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
 
 
 class MessageError(ValueError):

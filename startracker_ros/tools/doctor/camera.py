@@ -18,7 +18,8 @@ from startracker_ros.ros.processes import node_environment
 from startracker_ros.tools.doctor.check import Check
 
 # Narrower fields hold too few stars of the catalogue to be lost in space (docs/catalog.md);
-# in wider ones a pixel is too coarse for anything but a try.
+# in wider ones a pixel is too coarse for anything but a try, but fisheyes see dozens of bright
+# stars.
 _FOV_DEG = (5.0, 60.0)
 _AXES_RATIO = 0.02
 _CENTRE_SHARE = 0.1
@@ -64,12 +65,14 @@ def _camera(heard: Mapping) -> Camera | None:
 
 def check_geometry(name: str, camera: Camera) -> Iterator[Check]:
     """Yield whether focal length and principal point are those of a camera for stars."""
-    fov_deg = np.degrees([camera.fov_x_rad, camera.fov_y_rad])
-    holds = _FOV_DEG[0] <= fov_deg.min() and fov_deg.max() <= _FOV_DEG[1]
+    fov_deg = np.degrees([camera.seen_x_rad, camera.seen_y_rad])
+    holds = _FOV_DEG[0] <= fov_deg.min() and (
+        fov_deg.max() <= _FOV_DEG[1] or camera.model.equidistant)
     yield Check(f'{name}: field', f'{camera.width} x {camera.height} px, focal length '
                 f'{camera.fx:.1f} px, {fov_deg[0]:.2f} x {fov_deg[1]:.2f} deg', holds,
                 '' if holds else 'focal length in px = focal length in mm / pixel size in mm; '
-                f'fields from {_FOV_DEG[0]:.0f} to {_FOV_DEG[1]:.0f} deg work best')
+                f'fields from {_FOV_DEG[0]:.0f} to {_FOV_DEG[1]:.0f} deg, and fisheyes '
+                '(equidistant), work best')
     if abs(camera.fy / camera.fx - 1) > _AXES_RATIO:
         yield Check(f'{name}: pixels', f'fx {camera.fx:.1f}, fy {camera.fy:.1f} px', False,
                     'star cameras have square pixels: calibrate again')

@@ -3,8 +3,6 @@
 
 """Fisheyes: from the image to the attitude, and from an image of an unknown one to its camera."""
 
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import pytest
@@ -13,8 +11,8 @@ from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import attitude_error
-from startracker_ros.core.stages import photograph
 from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.fisheyes import draw_night, EPOCH_YEAR as NIGHT_YEAR
@@ -94,20 +92,12 @@ def test_one_image_of_an_unknown_fisheye_gives_a_camera_to_fly_with(camera, tmp_
     assert np.linalg.norm(error) < 0.1 * found.pixel_rad
 
 
-class _Spots(list):
-    """Lists of spots in place of those of an image."""
-
-    @property
-    def extraction(self):
-        return SimpleNamespace(centroids=self[0], status='ok', reason='')
-
-
-@pytest.mark.parametrize('projection, seed', [('equidistant', 25), ('equisolid', 31)])
-def test_a_fisheye_of_which_another_lens_explains_a_part_is_a_fisheye(
-        monkeypatch, projection, seed):
-    """The brightest stars fit a lens of 95 and of 113 deg that is off by 30 px and more."""
-    night = draw_night(np.random.default_rng([77, seed, len(projection)]), projection)
-    monkeypatch.setattr(photograph, 'Detections', lambda image: _Spots([night.centroids]))
-    solution = photograph.PhotographSolver(NIGHT_YEAR).solve(np.zeros(night.shape, np.uint8))
+@pytest.mark.parametrize('projection, seed, before', [
+    ('equidistant', [77, 25, 11], 0), ('equisolid', [77, 31, 9], 0), ('orthographic', 721, 3)])
+def test_a_fisheye_of_which_another_lens_explains_a_part_is_a_fisheye(projection, seed, before):
+    """The brightest stars fit a lens of 95, 113 and 62 deg that is off by 30 px and more."""
+    rng = np.random.default_rng(seed)
+    night = [draw_night(rng, projection) for _ in range(before + 1)][-1]
+    solution = PhotographSolver(NIGHT_YEAR).solve_lists([night.centroids], night.shape)
     apart = np.linalg.norm(solution.sky.pixels(night.direction) - night.uv, axis=1)
     assert np.nanmedian(apart) < 2 and np.isnan(apart).mean() < 0.1

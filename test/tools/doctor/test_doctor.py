@@ -151,6 +151,7 @@ def test_caches(tmp_path):
     (CAMERA, ''),
     (Camera.from_fov(1024, 1024, 1.0), 'field'),
     (Camera.from_fov(1024, 1024, 120.0), 'field'),
+    (Camera.from_fov(1024, 1024, 180.0, 'equidistant'), ''),
     (replace(CAMERA, fy=CAMERA.fx * 1.1), 'pixels'),
     (replace(CAMERA, cx=200.0), 'principal point'),
 ])
