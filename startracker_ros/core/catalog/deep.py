@@ -15,7 +15,6 @@ import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
-from startracker_ros.core.catalog.tiles import TILED_OFFSET
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.stored_arrays import digest, stored_arrays
 
@@ -26,6 +25,9 @@ DEEP_LIMIT = 11.0
 
 NUMBER_OFFSET = 200_000
 """Above every HIP number (at most 120416)."""
+
+TILED_OFFSET = 100_000_000
+"""The number of a star of tiles.py is this and its row."""
 
 HIPPARCOS_COMPLETE_V = 8.0
 """Hipparcos is complete to V 7.3 to 9, depending on latitude and colour (ESA SP-1200, vol. 1)."""

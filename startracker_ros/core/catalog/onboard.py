@@ -73,7 +73,7 @@ class OnboardCatalog:
         """Return the star index (M,) of each Hipparcos number (M,), -1 if it has no entry."""
         first, index = self._index_of_hip
         # Numbers beyond either end are clipped to entries of no star.
-        return index.take(hip - first, mode='clip').astype(int)
+        return index.take(np.asarray(hip) - first, mode='clip').astype(int)
 
     def variation(self, star_index: np.ndarray) -> np.ndarray:
         """Return variation_mag of entries (M,), 0 for a catalogue that has none."""

@@ -14,6 +14,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from startracker_ros.core.catalog.deep import TILED_OFFSET
 from startracker_ros.core.catalog.sky_grid import SkyGrid, stars_near
 from startracker_ros.core.catalog.stars import StarCatalog
 
@@ -32,9 +33,6 @@ GRID = 'direction', 'start', 'member'
 
 QUADS = 'quad_code', 'quad_star', 'quad_side', 'quad_start'
 """Arrays of the QuadTable (identify/sky_quads.py) of a search of the whole sky."""
-
-TILED_OFFSET = 100_000_000
-"""The number of a star is this and its row: above those of the deep catalogue."""
 
 
 class CatalogueError(ValueError):

@@ -14,7 +14,6 @@ nothing else. Lists without a sky, and mirrored and shuffled nights, must have n
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 import time
 
 import numpy as np
@@ -225,12 +224,12 @@ def solve_nights(name: str, trials: int, seed: int) -> NightOutcome:
 
 
 def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
-                          kept: Path | None = None, scheduler: str = '') -> Result:
-    """Run the draws of each kind and count; kept is a folder for the results of parts."""
+                          scheduler: str = '') -> Result:
+    """Run the draws of each kind and count."""
     names = tuple(dict.fromkeys(only or KINDS))
     outcomes = dict(zip(names, parallel_trials(
         solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed, title='fisheyes',
-        scheduler=scheduler, kept=kept)))
+        scheduler=scheduler)))
     of_skies = [name for name in names if name in PROJECTIONS]
     rows = []
     if of_skies:

@@ -4,20 +4,14 @@
 """Independent trials of a campaign on the cores of this machine, or on a cluster."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 import os
-from pathlib import Path
-import pickle
 from typing import Any
 
 import numpy as np
 from rich.progress import track
 from startracker_ros.core.extras import extra
-from startracker_ros.core.folders import replaced
-from startracker_ros.core.stored_arrays import digest
 from startracker_ros.io.workers import Processes
-from startracker_ros.tools.figures.machine import origin
 
 
 def parallel_map(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
@@ -65,40 +59,24 @@ class Trials:
         self._pieces += [(work, (*case, *part)) for part in parts]
         self._counts.append(len(parts))
 
-    def run(self, *, title: str, scheduler: str = '', kept: Path | None = None) -> Iterator[Any]:
-        """
-        Yield the result of each kind in order, its parts joined; parallel_map() runs them.
-
-        Parts whose results of the same commit are kept in a folder are not run again.
-        """
-        folder = kept and kept / str(origin()['commit'])
-        pieces = [(work, arguments, folder and folder / digest(
-            work.__module__, work.__qualname__, arguments)) for work, arguments in self._pieces]
-        results = iter(parallel_map(_call, pieces, title=title, scheduler=scheduler))
+    def run(self, *, title: str, scheduler: str = '') -> Iterator[Any]:
+        """Yield the result of each kind in order, its parts joined; parallel_map() runs them."""
+        results = iter(parallel_map(_call, self._pieces, title=title, scheduler=scheduler))
         for count in self._counts:
             yield joined([next(results) for _ in range(count)])
 
 
-def _call(work: Callable[..., Any], arguments: tuple, kept: Path | None) -> Any:
-    """Return work(*arguments), which the file kept has or gets."""
-    if kept is None:
-        return work(*arguments)
-    with suppress(FileNotFoundError):
-        return pickle.loads(kept.read_bytes())
-    result = work(*arguments)
-    with replaced(kept) as file:
-        pickle.dump(result, file)
-    return result
+def _call(work: Callable[..., Any], arguments: tuple) -> Any:
+    return work(*arguments)
 
 
 def parallel_trials(work: Callable[..., Any], cases: Iterable[tuple], trials: int, size: int,
-                    seed: int, *, title: str, scheduler: str = '', kept: Path | None = None
-                    ) -> list[Any]:
+                    seed: int, *, title: str, scheduler: str = '') -> list[Any]:
     """Return the results of the same work on several cases, as those of Trials."""
     all_trials = Trials()
     for case in cases:
         all_trials.add(work, case, trials, size, seed)
-    return list(all_trials.run(title=title, scheduler=scheduler, kept=kept))
+    return list(all_trials.run(title=title, scheduler=scheduler))
 
 
 def joined(parts: Sequence[Any]) -> Any:

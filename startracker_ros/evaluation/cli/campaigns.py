@@ -108,9 +108,6 @@ _campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
           'Star lists of fisheyes of which nothing is known, and spots that are no sky.',
           trials_option(200, 'Nights of each projection, lists of each kind without a sky.'),
           only_option('Kinds'),
-          click.option('--keep', 'kept', type=click.Path(path_type=Path, file_okay=False),
-                       metavar='FOLDER', help='Folder for the results of parts: a run that was '
-                       'interrupted goes on with those of the same commit.'),
           scheduler_option, known='KINDS', kind='kind')
 _campaign('heads', 'campaign.heads:run_heads_campaign',
           'Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads.',

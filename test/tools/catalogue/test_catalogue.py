@@ -19,8 +19,9 @@ import pytest
 import startracker_ros as st
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR
+from startracker_ros.core.catalog.deep import TILED_OFFSET
 from startracker_ros.core.catalog.tiles import (
-    CatalogueError, COLUMNS, DESCRIPTION, double_precision, QUADS, TILED_OFFSET, TiledCatalogue)
+    CatalogueError, COLUMNS, DESCRIPTION, double_precision, QUADS, TiledCatalogue)
 from startracker_ros.core.identify.ladder import REFERENCE_YEAR
 from startracker_ros.core.identify.sky_quads import quad_table, quads_of
 from startracker_ros.core.identify.tiled import (
