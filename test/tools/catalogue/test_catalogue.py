@@ -18,8 +18,8 @@ from pyarrow import parquet
 import pytest
 import startracker_ros as st
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR
 from startracker_ros.core.catalog.deep import TILED_OFFSET
+from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR
 from startracker_ros.core.catalog.tiles import (
     CatalogueError, COLUMNS, DESCRIPTION, double_precision, QUADS, TiledCatalogue)
 from startracker_ros.core.identify.ladder import REFERENCE_YEAR
