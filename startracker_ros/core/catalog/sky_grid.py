@@ -156,23 +156,16 @@ def _add_partners(grid: SkyGrid, direction: np.ndarray, n: int, chord: float, pa
     return count
 
 
-@compiled
-def stars_near(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> np.ndarray:
-    """Return the indices (M,) of the stars within chord of a unit vector, in no order."""
-    found, limit = [np.int64(0) for _ in range(0)], chord * chord
-    first_x, last_x = _cells_about(grid, x, chord)
-    first_y, last_y = _cells_about(grid, y, chord)
-    first_z, last_z = _cells_about(grid, z, chord)
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
-            row = (i * grid.cells + j) * grid.cells
-            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                star = grid.member[m]
-                dx, dy, dz = (grid.direction[star, 0] - x, grid.direction[star, 1] - y,
-                              grid.direction[star, 2] - z)
-                if dx * dx + dy * dy + dz * dz <= limit:
-                    found.append(np.int64(star))
-    return np.array(found)
+def stars_near(grid: SkyGrid, center: np.ndarray, chord: float) -> np.ndarray:
+    """Return the indices (M,) of the stars within chord of a unit vector (3,), in no order."""
+    first, last = np.clip(((center + [[-chord], [chord]] + 1) * (grid.cells / 2)).astype(int),
+                          0, grid.cells - 1)
+    i, j = np.mgrid[first[0]:last[0] + 1, first[1]:last[1] + 1].reshape(2, -1)
+    row = (i * grid.cells + j) * grid.cells
+    star = np.concatenate([grid.member[begin:end] for begin, end in zip(
+        grid.start[row + first[2]], grid.start[row + last[2] + 1])])
+    offset = grid.direction[star] - center
+    return star[np.einsum('ij,ij->i', offset, offset) <= chord * chord]
 
 
 @compiled

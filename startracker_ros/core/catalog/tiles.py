@@ -69,15 +69,19 @@ class TiledCatalogue:
 
     def rows_near(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return the rows (M,) of the stars within a radius of center (3,), brightest first."""
-        x, y, z = map(float, center)
-        row = stars_near(self.grid, x, y, z, float(2 * np.sin(min(radius_rad, np.pi) / 2)))
+        row = stars_near(self.grid, center, 2 * np.sin(min(radius_rad, np.pi) / 2))
         return row[np.lexsort((row, self._columns['magnitude'][row]))]
+
+    @staticmethod
+    def numbers(row: np.ndarray) -> np.ndarray:
+        """Return the numbers of the stars of rows, of the same shape."""
+        return (row + TILED_OFFSET).astype(np.int32)
 
     def stars(self, row: np.ndarray) -> StarCatalog:
         """Return the stars of rows (M,) in this order."""
         nothing = np.zeros(len(row), np.float32)
         return StarCatalog(
-            hip=(row + TILED_OFFSET).astype(np.int32), parallax_mas=nothing, bp_rp=nothing,
+            hip=self.numbers(row), parallax_mas=nothing, bp_rp=nothing,
             variation_mag=nothing, **{name: column[row] for name, column in self._columns.items()})
 
 

@@ -33,6 +33,7 @@ from startracker_ros.core.identify.sky_quads import (
     matching_quads, quad_table, quads_of, QuadTable)
 from startracker_ros.core.identify.support import support_of_places, supporters
 from startracker_ros.core.identify.verification import Verifier
+from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
 
 QUAD_DENSITY = 1.6
 """Stars in the square of the side of the quads of a level, as of the deep tables of blind.py."""
@@ -59,15 +60,13 @@ class Place(NamedTuple):
     @classmethod
     def near(cls, ra_deg: float, dec_deg: float, radius_deg: float) -> 'Place':
         """Return that about a right ascension and declination."""
-        ra, dec = np.radians([ra_deg, dec_deg])
-        return cls(np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]),
+        return cls(unit_from_radec(*np.radians([ra_deg, dec_deg])),
                    float(np.radians(radius_deg)))
 
     def __str__(self) -> str:
-        x, y, z = self.center
-        return (f'within {np.degrees(self.radius_rad):g} deg of right ascension '
-                f'{np.degrees(np.arctan2(y, x)) % 360:.4g}, declination '
-                f'{np.degrees(np.arctan2(z, np.hypot(x, y))):.4g} deg')
+        ra_deg, dec_deg = np.degrees(radec_from_unit(self.center))
+        return (f'within {np.degrees(self.radius_rad):g} deg of right ascension {ra_deg:.4g}, '
+                f'declination {dec_deg:.4g} deg')
 
 
 class Fields(NamedTuple):
@@ -174,9 +173,9 @@ class TiledIdentifier:
         best = np.argsort(-support, kind='stable')[:_MOST_VERIFIED]
         for k in best[support[best] > LEAST_SUPPORT]:
             field = self._field(camera, direction[base[k]], star[k])
-            number = self.catalogue.stars(star[k]).hip
-            attempt = verified(field, Candidates(centroids, base[k:k + 1], number[None]), tested,
-                               self._options, self._years)
+            attempt = verified(
+                field, Candidates(centroids, base[k:k + 1], self.catalogue.numbers(star[k:k + 1])),
+                tested, self._options, self._years)
             if attempt is not None:
                 yield attempt
 

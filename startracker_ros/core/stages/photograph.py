@@ -154,10 +154,11 @@ class PhotographSolver:
                 ) -> tuple[list[_Search], str]:
         """Return the searches with the catalogue of the user, and what it lacks for others."""
         searches, lacks = list[_Search](), list[str]()
+        if self._tiled is None:
+            return searches, ''
         for one in (None,) if place is None else (place, None):
-            fields = None if self._tiled is None else self._tiled.fields_about(
-                nominal, self._fov_error, one)
-            if self._tiled is None or fields is None:
+            fields = self._tiled.fields_about(nominal, self._fov_error, one)
+            if fields is None:
                 continue
             lack = self._tiled.lack(one, fields)
             if not lack:
@@ -233,7 +234,7 @@ def _known_field(epoch_year: float, options: IdentificationOptions, camera: Came
 
 
 def first_lens(attempts: Iterable[Attempt], fov_error: float
-                ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
+               ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
     """Return the first attempt whose lens is accepted, and why the last other one is not."""
     rejected = ''
     for attempt in attempts:

@@ -24,12 +24,12 @@ from startracker_ros.tools.catalogue.build import build_catalogue
 from startracker_ros.tools.figures.correctness import is_wrong
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
+from startracker_ros.tools.photographs.solve import NEAR_DEG
 
 WIDTH, HEIGHT, EPOCH_YEAR = 1024, 768, 2026.5
 NO_SKY, CATALOGUE = 'no sky', 'catalogue'
 FIELDS = {'0.3 deg': 0.3, '0.4 deg': 0.4, '0.6 deg': 0.6}
 CASES = (CATALOGUE, *FIELDS, NO_SKY)
-NEAR_DEG = 5.0
 
 _GAIA_YEAR = 2016.0
 _NOISE_PX, _MAGNITUDE_SIGMA, _MISSING, _FALSE = 0.3, 0.3, 0.2, 10

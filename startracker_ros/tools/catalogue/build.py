@@ -32,6 +32,7 @@ from startracker_ros.core.identify.sky_quads import (
     CODE_CELLS, code_cells, level_sides_deg, quads_of)
 from startracker_ros.core.identify.tiled import (
     Fields, QUAD_DENSITY, QUAD_INNER, side_range_deg)
+from startracker_ros.core.maths.rotation import radec_from_unit
 from startracker_ros.io.output import output_folder
 from startracker_ros.io.star_tables import read_stars, Stars
 from startracker_ros.io.table import Result
@@ -202,9 +203,8 @@ def _rows(stars: Stars, year: np.ndarray) -> np.ndarray:
     for one in np.unique(year):
         mine = year == one
         # As if its epoch were that of the catalogue: so many years later, or earlier.
-        x, y, z = then.rows(mine).directions(2 * CATALOG_EPOCH_YEAR - one).T
-        rows['ra_rad'][mine] = np.arctan2(y, x) % (2 * np.pi)
-        rows['dec_rad'][mine] = np.arctan2(z, np.hypot(x, y))
+        rows['ra_rad'][mine], rows['dec_rad'][mine] = radec_from_unit(
+            then.rows(mine).directions(2 * CATALOG_EPOCH_YEAR - one))
         rows['direction'][mine] = then.rows(mine).directions(
             CATALOG_EPOCH_YEAR + REFERENCE_YEAR - one)
     return rows

@@ -8,7 +8,7 @@ import pytest
 from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.sky_grid import (
-    brightest_everywhere, count_in_image, count_near, nearest, sky_grid)
+    brightest_everywhere, count_in_image, count_near, nearest, sky_grid, stars_near)
 from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
 
@@ -40,8 +40,12 @@ def test_the_nearest_star_is_found(directions, chord):
 def test_stars_near_are_counted(directions, chord):
     centers = np.concatenate([directions[:20], -directions[:20], np.eye(3)])
     distance = np.linalg.norm(directions - centers[:, None], axis=2)
+    grid = sky_grid(directions)
     np.testing.assert_array_equal(
-        count_near(sky_grid(directions), centers, chord), (distance <= chord).sum(axis=1))
+        count_near(grid, centers, chord), (distance <= chord).sum(axis=1))
+    for center, apart in zip(centers, distance):
+        np.testing.assert_array_equal(np.sort(stars_near(grid, center, chord)),
+                                      np.flatnonzero(apart <= chord))
 
 
 def test_stars_in_an_image_are_counted(directions):
