@@ -12,6 +12,7 @@ import json
 import os
 from pathlib import Path
 import pickle
+import signal
 import tempfile
 from types import ModuleType
 from typing import Any
@@ -196,6 +197,8 @@ def pytest_collection_finish() -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let all processes of the tests log the calls that nothing has compiled beforehand."""
+    # A shell starts `make test &` with Ctrl-C ignored, which processes inherit.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if LOG not in os.environ:
         config.stash[COMPILED] = os.environ[LOG] = tempfile.mkstemp(suffix='_compiled.log')[1]
 

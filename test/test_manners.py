@@ -242,12 +242,23 @@ def test_ctrl_c_is_status_130(monkeypatch, error):
     assert done.stderr.split('\n')[-2] == 'startracker: stopped'
 
 
-def process(*arguments, **options):
-    return subprocess.Popen([sys.executable, '-m', 'startracker_ros', *arguments],
-                            stderr=subprocess.PIPE, text=True, env=dict(os.environ), **options)
+@pytest.fixture
+def process():
+    """Return a function that starts a command, in a session of its own that ends with the test."""
+    started = []
+
+    def start(*arguments, **options):
+        started.append(subprocess.Popen(
+            [sys.executable, '-m', 'startracker_ros', *arguments], stderr=subprocess.PIPE,
+            text=True, env=dict(os.environ), start_new_session=True, **options))
+        return started[-1]
+    yield start
+    for each in started:
+        if each.poll() is None:
+            os.killpg(each.pid, signal.SIGKILL)
 
 
-def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
+def test_a_process_ends_by_ctrl_c_without_a_traceback(folder, process):
     os.mkfifo(folder / 'slow.png')
     solve = process('solve', str(folder / 'slow.png'), stdout=subprocess.DEVNULL)
     # Open as soon as solve reads it.
@@ -259,9 +270,8 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
 
 
 @pytest.mark.parametrize('at_work', [False, True], ids=['starting', 'working'])
-def test_ctrl_c_ends_a_campaign_and_its_workers(at_work):
-    campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL,
-                       start_new_session=True)
+def test_ctrl_c_ends_a_campaign_and_its_workers(process, at_work):
+    campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL)
     children = Path('/proc', str(campaign.pid), 'task', str(campaign.pid), 'children')
 
     def workers():
@@ -292,7 +302,7 @@ def test_workers_leave_ctrl_c_to_the_command():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_a_reader_that_leaves_is_no_traceback():
+def test_a_reader_that_leaves_is_no_traceback(process):
     read, write = os.pipe()
     os.close(read)
     listing = process('simulate', '--options', stdout=write)

@@ -272,7 +272,8 @@ def attitudes_of(bag, topic):
 
 
 @pytest.mark.parametrize('topics, named', [
-    (('*/image_raw',), True), (('*/image_raw', '*/camera_info'), False), (('*/imu',), False)])
+    (('*/image_raw',), True), (('*/image_raw', '*/camera_info'), False),
+    pytest.param(('*/imu',), False, marks=pytest.mark.long)])
 def test_images_without_a_camera_are_named(nodes, probe, tmp_path, topics, named):
     bag = Path(__file__).parents[2] / 'bags' / 'slew'
     player = nodes.start('bag_player', {'path': str(bag), 'topics': topics, 'rate': 100.0})

@@ -122,7 +122,7 @@ def test_the_filter_is_consistent_below_the_floor_of_robot_localization(
         truth = {ns_from_stamp(message.header.stamp): quaternion_from_message(message)
                  for message in probe.received['truth/attitude']}
         return [(tracked_attitude_from_imu(filtered[stamp_ns]).attitude, truth[stamp_ns])
-                for stamp_ns in filtered.keys() & truth.keys()]
+                for stamp_ns in sorted(filtered.keys() & truth.keys())]
     probe.wait(lambda: len(compared()) >= 25, 'filtered attitudes')
     for attitude, truth in compared():
         error_rad = attitude_error(attitude.quaternion, truth)

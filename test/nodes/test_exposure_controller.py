@@ -27,7 +27,7 @@ def values(probe):
         GetParameters, '/foreign_driver/get_parameters', request).values]
 
 
-@pytest.mark.parametrize('kind', ['integer', 'double'])
+@pytest.mark.parametrize('kind', ['integer', pytest.param('double', marks=pytest.mark.long)])
 def test_a_driver_gets_the_exposure_that_its_stars_ask_for(rig, probe, kind):
     start(rig, kind, exposure_max_ms=400.0)
     # It begins at 2 ms, where there are few stars.

@@ -68,7 +68,7 @@ class Night(NamedTuple):
     camera_file: Path
 
 
-@pytest.fixture(scope='module', params=LENSES)
+@pytest.fixture(scope='module')
 def night(request, tmp_path_factory):
     lens, folder = LENSES[request.param], tmp_path_factory.mktemp(request.param)
     simulator = SkySimulator(lens, MOTION, load_catalog().brighter_than(5.5), EPOCH_YEAR,
@@ -93,6 +93,8 @@ def errors_px(night, messages, begin_ns):
     return np.linalg.norm(errors, axis=1) / night.lens.pixel_rad
 
 
+@pytest.mark.parametrize('night', [
+    'orthographic', pytest.param('stereographic', marks=pytest.mark.long)], indirect=True)
 def test_the_nodes_track_the_sky_of_a_fisheye(nodes, probe, night):
     nodes.start('centroid_extractor', deep_queues('image_raw.subscription', 'centroids.publisher'))
     nodes.start('star_identifier', deep_queues('centroids.subscription', 'stars.publisher'))
@@ -138,6 +140,8 @@ def test_the_nodes_track_the_sky_of_a_fisheye(nodes, probe, night):
     assert len(direction) > 20 and direction[:, 2].min() < np.cos(np.radians(65))
 
 
+@pytest.mark.parametrize('night', [
+    'stereographic', pytest.param('orthographic', marks=pytest.mark.long)], indirect=True)
 def test_live_tracks_the_sky_of_a_fisheye_known_or_not(night, tmp_path):
     """The lens of the second one is learnt from its first image, given nothing."""
     known = night.camera_file if night.lens is LENSES['stereographic'] else None

@@ -61,7 +61,10 @@ def check(errors, variance, stated, snr):
     assert np.mean(stated) / variance == pytest.approx(1, abs=0.02 + 3 / snr ** 2)
 
 
-@pytest.mark.parametrize('snr, width_px', list(product(SNRS, WIDTHS_PX)))
+@pytest.mark.parametrize('snr, width_px', [
+    pytest.param(snr, width_px, marks=[pytest.mark.long] * (
+        (SNRS.index(snr) + WIDTHS_PX.index(width_px)) % 2))
+    for snr, width_px in product(SNRS, WIDTHS_PX)])
 def test_stars(snr, width_px):
     rng = np.random.default_rng(round(snr + 1000 * width_px))
     side_px = 2 * int(np.ceil(4 * width_px)) + 5
@@ -88,8 +91,10 @@ def moved_image(star, streak_px, side_px, steps=60):
                               side_px) for share in shares], axis=0)
 
 
-@pytest.mark.parametrize('snr, streak_px', list(product(
-    (30.0, 100.0), ((6.0, 0.0), (5.0, 5.0), (12.0, -5.0)))))
+@pytest.mark.parametrize('snr, streak_px', [
+    (30.0, (6.0, 0.0)), (100.0, (12.0, -5.0)), *(pytest.param(*case, marks=pytest.mark.long)
+                                                 for case in (
+        (30.0, (5.0, 5.0)), (30.0, (12.0, -5.0)), (100.0, (6.0, 0.0)), (100.0, (5.0, 5.0))))])
 def test_streaks(snr, streak_px):
     """Pixels are integrated over here, as in a camera; the model of the fit is not."""
     rng, side_px, stars = np.random.default_rng(round(snr + 10 * sum(streak_px))), 33, 400

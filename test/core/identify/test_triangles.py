@@ -54,7 +54,7 @@ def count_fitting(direction, image, sigma, scale_error):
     return np.sum(fits.all(1) & (flat | (np.linalg.det(triples) * volume > 0)))
 
 
-@pytest.mark.parametrize('scale_error', [0.0, 0.005])
+@pytest.mark.parametrize('scale_error', [pytest.param(0.0, marks=pytest.mark.long), 0.005])
 def test_the_search_finds_what_trying_all_stars_finds(scale_error):
     """One search after the other in the same work arrays, with many partners for each star."""
     rng = np.random.default_rng(1)

@@ -93,7 +93,8 @@ def test_one_image_of_an_unknown_fisheye_gives_a_camera_to_fly_with(camera, tmp_
 
 
 @pytest.mark.parametrize('projection, seed, before', [
-    ('equidistant', [77, 25, 11], 0), ('equisolid', [77, 31, 9], 0), ('orthographic', 721, 3)])
+    ('equidistant', [77, 25, 11], 0), *(pytest.param(*case, marks=pytest.mark.long) for case in (
+        ('equisolid', [77, 31, 9], 0), ('orthographic', 721, 3)))])
 def test_a_fisheye_of_which_another_lens_explains_a_part_is_a_fisheye(projection, seed, before):
     """The brightest stars fit a lens of 95, 113 and 62 deg that is off by 30 px and more."""
     rng = np.random.default_rng(seed)
