@@ -48,7 +48,8 @@ _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200
 
 _SHARE_GOALS_MS = {'processes': 2.5, 'composed': 1.5}
 _CPU_GOALS_PERCENT = {'processes': 10.0, 'composed': 5.0}
-"""The median beyond the bare transport of the same images, and the processor time at 10 Hz."""
+_MEMORY_GOALS_MIB = {'processes': 500.0, 'composed': 250.0}
+"""The median beyond the bare transport of the same images; processor time and memory at 10 Hz."""
 
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
 
@@ -272,6 +273,9 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         yield PercentileRow(f'{case}: processor time of the nodes at {CAMERA_RATE_HZ:g} Hz',
                             result.cpu_percent, unit='%',
                             most=_CPU_GOALS_PERCENT[mode] if goals else None)
+        yield PercentileRow(f'{case}: memory of the nodes at {CAMERA_RATE_HZ:g} Hz, Pss',
+                            result.memory_mib, unit='MiB',
+                            most=_MEMORY_GOALS_MIB[mode] if goals else None)
         yield PercentileRow(f'{case}: images a second', result.highest_hz, unit='Hz',
                             least=least_hz)
 

@@ -58,9 +58,9 @@ class Latency:
     Latencies of frames (N,) in ms, and the highest rate at which none was lost or late.
 
     total_ms is the sum of stages_ms: transport with decoding, centroids, tracking and estimate,
-    each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ, and
-    cpu_percent the processor time of the stages at that rate, in percent of a core, with that of
-    the image source where it is composed with them. A rate is sustained when one of _TRIES of
+    each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ,
+    cpu_percent the processor time of the stages at that rate, in percent of a core, and memory_mib
+    their memory (Pss), both with those of the image source where it is composed with them. A rate is sustained when one of _TRIES of
     _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
     """
 
@@ -68,6 +68,7 @@ class Latency:
     stages_ms: dict[str, np.ndarray]
     camera_rate_ms: np.ndarray
     cpu_percent: float
+    memory_mib: float
     highest_hz: float
 
 
@@ -117,9 +118,10 @@ class TimedPipeline(Rig):
         # The time of receipt by DDS would leave out the decoding.
         self._result_ns[stamp_ns] = self._processed_ns[stamp_ns] = time.time_ns()
 
-    def cpu_s(self) -> float:
-        """Return the processor time of the processes of the stages since their start."""
-        return sum(sample_process(self.processes.pid(name)).cpu_s for name in self._stages)
+    def used(self) -> tuple[float, float]:
+        """Return the processor time in s of the processes of the stages, their memory in MiB."""
+        samples = [sample_process(self.processes.pid(name)) for name in self._stages]
+        return sum(one.cpu_s for one in samples), sum(one.proportional_mib for one in samples)
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
         """
@@ -203,9 +205,10 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
         pipeline.run(20, _WARM_UP_IMAGES)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
-        begin_s, begin_cpu_s = time.monotonic(), pipeline.cpu_s()
+        begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
         camera_rate_ns, _ = pipeline.run(CAMERA_RATE_HZ, min(count, 100))
-        cpu_percent = 100 * (pipeline.cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
+        cpu_s, memory_mib = pipeline.used()
+        cpu_percent = 100 * (cpu_s - begin_cpu_s) / (time.monotonic() - begin_s)
         runs.append(pipeline.run(rate_hz, each))
         highest_hz = _highest_rate_hz(pipeline, rate_hz, any(
             _is_sustained(processed_ns, rate_hz, each) for _, processed_ns in runs))
@@ -215,7 +218,7 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
         _since_sent_ms(run, events_ns)) if run else np.inf)
     stages_ms = _stage_times_ms(events_ns, attitude_ns)
     return Latency(np.sum(list(stages_ms.values()), axis=0), stages_ms,
-                   _since_sent_ms(camera_rate_ns, events_ns), cpu_percent, highest_hz)
+                   _since_sent_ms(camera_rate_ns, events_ns), cpu_percent, memory_mib, highest_hz)
 
 
 def _highest_rate_hz(pipeline: TimedPipeline, rate_hz: float, is_sustained: bool) -> float:

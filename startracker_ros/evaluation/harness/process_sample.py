@@ -13,9 +13,15 @@ _MIB = 2 ** 20
 
 @dataclass(frozen=True)
 class ProcessSample:
-    """Memory of its own in MiB, without what is shared; open handles, threads, CPU time in s."""
+    """
+    Memory in MiB, open handles, threads, CPU time in s.
+
+    private_mib is what is of its own alone, proportional_mib (Pss) that and its part of what
+    several processes share.
+    """
 
     private_mib: float
+    proportional_mib: float
     handles: int
     threads: int
     cpu_s: float
@@ -24,8 +30,8 @@ class ProcessSample:
 def sample_process(pid: int) -> ProcessSample:
     """Return what a process of this user uses now."""
     process = psutil.Process(pid)
-    cpu = process.cpu_times()
-    return ProcessSample(process.memory_full_info().uss / _MIB, process.num_fds(),
+    cpu, memory = process.cpu_times(), process.memory_full_info()
+    return ProcessSample(memory.uss / _MIB, memory.pss / _MIB, process.num_fds(),
                          process.num_threads(), cpu.user + cpu.system)
 
 
