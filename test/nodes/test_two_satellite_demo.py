@@ -22,7 +22,7 @@ def demo(tmp_path_factory):
     done = invoke('demo', 'two-satellite', '--seconds', str(FRAMES / 2), '--output', str(output),
                   '--json')
     assert done.exit_code == 0, done.output
-    return output, json.loads(done.stdout.splitlines()[-1])
+    return output, json.loads(done.stdout)
 
 
 @pytest.fixture(scope='module')

@@ -216,7 +216,7 @@ def processes(trials: int, seed: int) -> Iterator[PercentileRow]:
                 [sys.executable, '-m', 'startracker_ros', 'demo', '--seconds', '15', '--json',
                  '--seed', str(seed), '--output', str(Path(folder) / run)],
                 env=node_environment(), stdout=subprocess.PIPE, text=True)
-            document = json.loads(done.stdout.splitlines()[-1])
+            document = json.loads(done.stdout)
             figures = {row['case']: row['ours'] for row in document['rows']}
             yield PercentileRow(f'processes, {run} run: start to first attitude',
                                 figures['process start to first attitude'], unit='s',

@@ -130,7 +130,7 @@ class Demo(Rig, ABC):
     def watch(self, frames: int) -> None:
         """Show the table until all frames have their attitudes; HarnessError if a node fails."""
         self.await_ready()
-        progress, console = Progress(STALL_S), Console()
+        progress, console = Progress(STALL_S), Console(stderr=True)
         with Live(self.table(frames), console=console, refresh_per_second=4) as live:
             while self.frames < frames or self._in_flight():
                 self.probe.spin_once(0.1)
@@ -214,7 +214,8 @@ class LockStepDemo(Demo):
                   ) -> float:
         """Step and show the table until the end; return the wall time in s."""
         begin_s = time.monotonic()
-        with Live(self.table(frames), console=Console(), refresh_per_second=4) as live:
+        with Live(self.table(frames), console=Console(stderr=True),
+                  refresh_per_second=4) as live:
             while not is_finished():
                 step()
                 live.update(self.table(frames))

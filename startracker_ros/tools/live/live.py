@@ -19,6 +19,7 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
+from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
@@ -248,7 +249,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
     logs.mkdir(parents=True)
     picture, bag = output / 'sky.jpg', output / f'bag_{datetime.now():%Y%m%d_%H%M%S}'
     begin_s = time.monotonic()
-    with SkyPage(host, port) as page, Live() as live:
+    with SkyPage(host, port) as page, Live(console=Console(stderr=True)) as live:
         view = LiveView(page, live, picture)
         error_px = 0.0
         if camera_file is None:

@@ -100,7 +100,7 @@ def test_the_fourth_step_identifies_observed_stars_by_those_beyond_the_edge():
 def test_the_command_prints_the_rows_and_draws_the_figures(tmp_path, one_process):
     done = invoke('campaign', 'extended-grid', '--trials', '4', '--json', '--output',
                   str(tmp_path))
-    document = json.loads(done.stdout.splitlines()[-1])
+    document = json.loads(done.stdout)
     assert document['name'] == 'campaign extended-grid'
     assert document['conditions']['trials'] == 4
     rows = {row['case']: row for row in document['rows']}

@@ -21,7 +21,7 @@ def document(one_process, few_photographs, tmp_path_factory):
     assert done.exit_code == 0, done.output
     picture = cv2.imread(str(output / 'figure_5_angles.png'))
     assert picture.shape[0] > 200 and picture.std() > 10
-    return json.loads(done.stdout.splitlines()[-1])
+    return json.loads(done.stdout)
 
 
 def test_the_command_prints_the_figures_beside_those_of_the_paper(document):
