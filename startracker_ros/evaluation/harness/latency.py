@@ -60,8 +60,9 @@ class Latency:
     total_ms is the sum of stages_ms: transport with decoding, centroids, tracking and estimate,
     each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ,
     cpu_percent the processor time of the stages at that rate, in percent of a core, and memory_mib
-    their memory (Pss), both with those of the image source where it is composed with them. A rate is sustained when one of _TRIES of
-    _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
+    their memory (Pss), both with those of the image source where it is composed with them. A rate
+    is sustained when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one of
+    the _RUNS.
     """
 
     total_ms: np.ndarray

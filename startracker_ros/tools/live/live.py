@@ -249,7 +249,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
     logs.mkdir(parents=True)
     picture, bag = output / 'sky.jpg', output / f'bag_{datetime.now():%Y%m%d_%H%M%S}'
     begin_s = time.monotonic()
-    with SkyPage(host, port) as page, Live(console=Console(stderr=True)) as live:
+    with SkyPage(host, port) as page, Live(console=Console(stderr=True), transient=True) as live:
         view = LiveView(page, live, picture)
         error_px = 0.0
         if camera_file is None:

@@ -63,8 +63,9 @@ def nees(noise, state, truth, rate):
 
 
 @pytest.mark.parametrize('ratio, gyro_noise', [
-    (0.0, None), (5.0, None), (1.0, 0.1), *(pytest.param(*case, marks=pytest.mark.long) for case in (
-        (1.0, None), (0.0, 0.1), (5.0, 0.1)))])
+    (0.0, None), (5.0, None), (1.0, 0.1), *(
+        pytest.param(*case, marks=pytest.mark.long)
+        for case in ((1.0, None), (0.0, 0.1), (5.0, 0.1)))])
 def test_the_ratio_is_unbiased_and_the_covariance_true(ratio, gyro_noise):
     found, learnt, assumed = [], [], []
     for seed in range(30):
