@@ -9,6 +9,7 @@ from startracker_ros.evaluation.campaign.integrity import CONDITIONS, run_of
 from startracker_ros.tools.figures.rows import Row
 
 _SETTLED = 10  # frames after a start
+_EXPOSURE_S = (0.0, 0.0)  # told, as the covariance of a frame has the doubt of an unknown one
 
 TRACKER_CONDITIONS = ('steady turn', 'slews to 1 deg/s', 'mirrored image',
                       'focal length off by 1 %')
@@ -26,7 +27,8 @@ def tracker_runs(condition: str, runs: int, seed: int) -> np.ndarray:
     rng, sums = np.random.default_rng(seed), np.zeros(9)
     for _ in range(runs):
         before: tuple[np.ndarray, np.ndarray] | None = None
-        for index, (pipeline, frame, truth) in enumerate(run_of(CONDITIONS[condition], rng)):
+        for index, (pipeline, frame, truth) in enumerate(run_of(
+                    CONDITIONS[condition], rng, _EXPOSURE_S)):
             measured = pipeline.tracker.frame_attitude
             sums[0] += 1
             if measured is None or frame.tracked is None or index < _SETTLED:

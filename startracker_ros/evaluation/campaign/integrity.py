@@ -8,10 +8,10 @@ The conditions here are those of star lists, those of images are in integrity_im
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.compiled_rotation import turned
@@ -211,9 +211,15 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
                      np.append(100.0, seen.snr), np.append(SIGMA_PX, seen.sigma_px))
 
 
-def run_of(condition: Condition, rng: np.random.Generator
+def run_of(condition: Condition, rng: np.random.Generator,
+           exposure_s: tuple[float, float] = UNKNOWN_EXPOSURE
            ) -> Iterator[tuple[StarTracker, FrameResult, np.ndarray]]:
-    """Run the pipeline from its start; yield it with its frame and the true attitude (4,)."""
+    """
+    Run the pipeline from its start; yield it with its frame and the true attitude (4,).
+
+    The lists are of an instant; exposure_s are the limits of the exposure that the pipeline is
+    told.
+    """
     pipeline = star_tracker()
     pipeline.reset()
     rates = _rates(condition, rng)
@@ -222,7 +228,8 @@ def run_of(condition: Condition, rng: np.random.Generator
         if measured is not None and index:
             for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
                 pipeline.add_rate(START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
-        yield pipeline, pipeline.process_centroids(START_NS + index * STEP_NS, centroids), truth
+        yield pipeline, pipeline.process_centroids(
+            START_NS + index * STEP_NS, replace(centroids, exposure_s=exposure_s)), truth
 
 
 def _run(condition: Condition, rng: np.random.Generator) -> Tally:
