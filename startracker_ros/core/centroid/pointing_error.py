@@ -35,6 +35,8 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 MOST_STARS, LEAST_STARS = 8, 3
+FAINTEST = 1 / 3
+"""Flux of the faintest star over that of the third: faint ones have most of the noise."""
 REACH_PX = 10  # beyond the ends of a streak
 MOST_REACH_PX = 24
 QUANTILE = 0.65  # of the stars: a kick may exchange the brighter and the fainter part for some
@@ -103,6 +105,9 @@ def _chosen(image: np.ndarray, stars: np.ndarray, reach: int, full_scale: float)
     height, width = image.shape
     chosen, count = np.empty(MOST_STARS, np.int64), 0
     for i in range(len(stars)):
+        if (count >= LEAST_STARS
+                and stars[i, FLUX] < FAINTEST * stars[chosen[LEAST_STARS - 1], FLUX]):
+            break
         u, v = round(stars[i, U]), round(stars[i, V])
         good = reach <= u < width - reach and reach <= v < height - reach
         for j in range(i):

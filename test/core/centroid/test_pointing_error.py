@@ -15,15 +15,17 @@ TAIL = np.array([[0.0, 0.0], *([0.5 * k, 0.0] for k in range(1, 9))]), np.array(
     [0.6, *[0.05] * 8])
 
 
-def image_of(path, rng, stars=12, every=1):
-    """Return an image of stars, one in `every` moved along a path, and the mean positions."""
+def image_of(path, rng, stars=12, moves=lambda index: True, fluxes=None):
+    """Return an image of stars, some moved along a path, and the mean positions."""
     offset, dwell = path
     uv = np.stack(np.meshgrid(np.arange(30, 240, 48), np.arange(30, 240, 48)), -1
                   ).reshape(-1, 2)[:stars] + rng.uniform(-5, 5, (stars, 2))
     y, x = np.mgrid[:SIDE_PX, :SIDE_PX]
     light = np.full((SIDE_PX, SIDE_PX), 50.0)
-    for index, (star, flux) in enumerate(zip(uv, 10 ** rng.uniform(3.3, 4.3, stars))):
-        moved = (offset - dwell @ offset) * (index % every == 0)
+    if fluxes is None:
+        fluxes = 10 ** rng.uniform(3.3, 4.3, stars)
+    for index, (star, flux) in enumerate(zip(uv, fluxes)):
+        moved = (offset - dwell @ offset) * bool(moves(index))
         for away, share in zip(moved, dwell):
             squared = (x - star[0] - away[0]) ** 2 + (y - star[1] - away[1]) ** 2
             light += share * flux / (2 * np.pi * SIGMA_PX ** 2) * np.exp(
@@ -64,8 +66,18 @@ def test_images_as_they_should_be_have_no_correlated_error():
 
 def test_companions_of_some_stars_are_no_motion():
     for seed in range(3):
-        image, _ = image_of(KICK, np.random.default_rng(seed), every=6)
+        image, _ = image_of(KICK, np.random.default_rng(seed),
+                            moves=lambda index: index % 6 == 0)
         assert not CentroidExtractor().extract(image).centroids.common.any()
+
+
+def test_three_bright_stars_without_any_motion_outweigh_faint_ones():
+    """Where the faint ones have companions."""
+    fluxes = np.full(12, 2e3)
+    fluxes[::4] = 2e4
+    image, _ = image_of(KICK, np.random.default_rng(1), moves=lambda index: index % 4,
+                        fluxes=fluxes)
+    assert not CentroidExtractor().extract(image).centroids.common.any()
 
 
 def test_a_uniform_streak_has_no_correlated_error_and_a_hooked_one_has():
