@@ -63,7 +63,7 @@ def outdated(root: Path) -> Iterator[str]:
 
 def _commits_since(document: dict[str, Any], root: Path) -> int | None:
     """Return the number of commits to the code of a result since it was measured."""
-    code = [f'startracker_ros/{path}' for path in document.get('code', ('core', 'sim', 'ros'))]
+    code = [f'startracker_ros/{path}' for path in document['code']]
     try:
         done = subprocess.run(
             ['git', 'rev-list', '--count', f'{document["commit"].rstrip("+")}..HEAD', '--', *code],

@@ -40,7 +40,7 @@ def test_every_result_is_shown_and_says_where_it_is_from():
     for path in RESULTS:
         document = json.loads(path.read_text())
         assert document['rows'] and document['conditions'] is not None
-        assert document['commit'] and document['machine'] and document['date'], path
+        assert all(document[name] for name in ('commit', 'machine', 'date', 'code')), path
 
 
 def test_results_older_than_the_code_are_named():
