@@ -35,8 +35,11 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 MOST_STARS, LEAST_STARS = 8, 3
-FAINTEST = 1 / 3
-"""Flux of the faintest star over that of the third: faint ones have most of the noise."""
+FAINTEST, CONFIRMED_SIGMAS = 1 / 3, 3.0
+"""
+What the noise of faint stars has made, brighter ones do not show: those of so much of the flux of
+the third, and so many standard deviations.
+"""
 REACH_PX = 10  # beyond the ends of a streak
 MOST_REACH_PX = 24
 QUANTILE = 0.65  # of the stars: a kick may exchange the brighter and the fainter part for some
@@ -65,15 +68,12 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     chosen = _chosen(image, stars, reach, full_scale)
     if len(chosen) < LEAST_STARS:
         return covariance
-    left = _left(image, mesh, stars[chosen], streaked, reach)
-    left -= left[::-1, ::-1].copy()
-    smooth = _smoothed(left)
-    noise = SIGMA_PER_MAD * np.median(np.abs(smooth))
+    left, smooth, noise = _odd_part(image, mesh, stars[chosen], streaked, reach)
     if not smooth.max() > SIGNIFICANT * noise:
         return covariance
     # In a streak the flux, and with it the error of the model, is spread over its length.
     width2 = stars[chosen[0], SIGMA] ** 2 + SMOOTHING_PX ** 2
-    most = 0.0
+    most, place = 0.0, (0, 0)
     for y in range(-reach, reach + 1):
         for x in range(-reach, reach + 1):
             core = MODEL_ERROR * math.exp(-(x * x + y * y) / (2 * width2)) / (2 * np.pi * width2)
@@ -81,8 +81,14 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
                 core = 0.0
             ratio = smooth[y + reach, x + reach] / math.sqrt(noise * noise + core * core)
             smooth[y + reach, x + reach] = ratio
-            most = max(most, ratio)
+            if ratio > most:
+                most, place = ratio, (y + reach, x + reach)
     if not most > SIGNIFICANT:
+        return covariance
+    bright = stars[chosen]
+    bright = bright[bright[:, FLUX] >= FAINTEST * bright[LEAST_STARS - 1, FLUX]]
+    _, seen, noise = _odd_part(image, mesh, bright, streaked, reach)
+    if not seen[place] > CONFIRMED_SIGMAS * noise:
         return covariance
     total, b = 1.0, np.zeros(2)
     for y in range(-reach, reach + 1):
@@ -105,9 +111,6 @@ def _chosen(image: np.ndarray, stars: np.ndarray, reach: int, full_scale: float)
     height, width = image.shape
     chosen, count = np.empty(MOST_STARS, np.int64), 0
     for i in range(len(stars)):
-        if (count >= LEAST_STARS
-                and stars[i, FLUX] < FAINTEST * stars[chosen[LEAST_STARS - 1], FLUX]):
-            break
         u, v = round(stars[i, U]), round(stars[i, V])
         good = reach <= u < width - reach and reach <= v < height - reach
         for j in range(i):
@@ -120,6 +123,16 @@ def _chosen(image: np.ndarray, stars: np.ndarray, reach: int, full_scale: float)
                 chosen[count] = i
                 count += 1
     return chosen[:count]
+
+
+@compiled
+def _odd_part(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reach: int
+              ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return A(d) of stars (K, 7), smoothed as well, and the noise of the latter."""
+    left = _left(image, mesh, stars, streaked, reach)
+    left -= left[::-1, ::-1].copy()
+    smooth = _smoothed(left)
+    return left, smooth, SIGMA_PER_MAD * np.median(np.abs(smooth))
 
 
 @compiled

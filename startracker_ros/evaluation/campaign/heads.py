@@ -266,8 +266,8 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
         'dropping': 'each head is blinded for 15 s in turn; delays of 0, 0.12 and 0.03 s',
         'faults': 'mounts known to 3 arcsec, body at 0.1 deg/s; wrong: ' + WRONG_TEXT,
         'bending': 'frames of 1 Hz, the fourth orbit after three',
-        'tracker': 'frames of the real tracker in conditions of `campaign integrity`, their '
-                   'exposures told',
+        'tracker': 'frames of the real tracker in conditions of `campaign integrity`, '
+                   'with their exposures',
         'trials': trials, 'seed': seed})
 
 

@@ -9,7 +9,7 @@ from startracker_ros.evaluation.campaign.integrity import CONDITIONS, run_of
 from startracker_ros.tools.figures.rows import Row
 
 _SETTLED = 10  # frames after a start
-_EXPOSURE_S = (0.0, 0.0)  # told, as the covariance of a frame has the doubt of an unknown one
+_EXPOSURE_S = (0.0, 0.0)  # an unknown one would be a doubt in the covariance of a frame
 
 TRACKER_CONDITIONS = ('steady turn', 'slews to 1 deg/s', 'mirrored image',
                       'focal length off by 1 %')

@@ -217,8 +217,7 @@ def run_of(condition: Condition, rng: np.random.Generator,
     """
     Run the pipeline from its start; yield it with its frame and the true attitude (4,).
 
-    The lists are of an instant; exposure_s are the limits of the exposure that the pipeline is
-    told.
+    The lists are of an instant; exposure_s are the limits of the exposure that they name.
     """
     pipeline = star_tracker()
     pipeline.reset()
