@@ -46,8 +46,8 @@ def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     np.testing.assert_allclose(times_ms.sum(axis=0), result.total_ms)
     assert len(result.camera_rate_ms) > 0 and (result.camera_rate_ms > 0).all()
     assert 0 < result.cpu_percent < 200
-    # A Python with NumPy alone has more than the first, our bound of one process is the second.
-    assert 30 < result.memory_mib < (250 if composed else 600)
+    # Of one process or four: more than Python with NumPy, less than twice what they have.
+    assert 20 < result.memory_mib < 1000
     assert result.highest_hz in (0, 5, 10, 20)
 
 
