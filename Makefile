@@ -34,8 +34,8 @@ demo-closed-loop: $(VENV)/package $(VENV)/gnc
 	$(RUN) -m startracker_ros demo closed-loop
 
 PYTEST := $(RUN) -m pytest -q
-# Four workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
-ON_BOTH_CORES := -n 4 --dist loadfile --no-loadscope-reorder
+# Three workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
+ON_BOTH_CORES := -n 3 --dist loadfile --no-loadscope-reorder
 # What a change has to pass.
 test: $(VENV)/package $(VENV)/tests $(VENV)/gnc
 	@$(PYTEST) $(ON_BOTH_CORES) -m 'not long' test
