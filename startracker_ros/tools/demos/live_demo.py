@@ -130,8 +130,8 @@ class Demo(Rig, ABC):
     def watch(self, frames: int) -> None:
         """Show the table until all frames have their attitudes; HarnessError if a node fails."""
         self.await_ready()
-        progress, console = Progress(STALL_S), Console(stderr=True)
-        with Live(self.table(frames), console=console, refresh_per_second=4) as live:
+        progress = Progress(STALL_S)
+        with self._live(frames) as live:
             while self.frames < frames or self._in_flight():
                 self.probe.spin_once(0.1)
                 live.update(self.table(frames))
@@ -140,8 +140,12 @@ class Demo(Rig, ABC):
                     progress, (self.frames, {**self._answered_ns}),
                     f'no attitude_imu after frame {self.frames} of {frames}; see '
                     f'{self.log_folder}')
-        console.print()
+        live.console.print()
         self.await_recorder()
+
+    def _live(self, frames: int) -> Live:
+        """Return the display of the table; on stderr, as stdout may be for a document."""
+        return Live(self.table(frames), console=Console(stderr=True), refresh_per_second=4)
 
     def await_recorder(self) -> None:
         """Wait until the recorder has had time for what was sent to it."""
@@ -214,8 +218,7 @@ class LockStepDemo(Demo):
                   ) -> float:
         """Step and show the table until the end; return the wall time in s."""
         begin_s = time.monotonic()
-        with Live(self.table(frames), console=Console(stderr=True),
-                  refresh_per_second=4) as live:
+        with self._live(frames) as live:
             while not is_finished():
                 step()
                 live.update(self.table(frames))
