@@ -9,12 +9,15 @@ import math
 import re
 from threading import Event, Thread
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from startracker_ros.ros.parameters import ParameterError
 from std_msgs.msg import Header
 
 TaskResult = tuple[bytes, str, dict[str, object]]
@@ -23,11 +26,9 @@ TaskResult = tuple[bytes, str, dict[str, object]]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _TICKS = 2
-_TICK_S = 1.0 / _TICKS
 _MAX_EVENTS = 5
-_USE_FQN = 'diagnostic_updater.use_fqn'
 _NOTHING = 'nothing received yet'
-# The longest time without a report of a function that is compiled: below the period of the timer.
+# The longest time without a report of a function that is compiled.
 _COMPILING_S = 0.9
 _COMPILING_POLL_S = 0.1
 # A timer tick that is later means that the process was busy or stopped.
@@ -55,7 +56,14 @@ class Diagnostics:
     def __init__(self, node: Node, task: str, hardware_id: str) -> None:
         self._node = node
         self._task = task
-        self._node_name = self._declare_node_name()
+        # As those of diagnostic_updater. A status of 3 s ago is old to telemetry_bridge.
+        self._node_name = (
+            node.get_fully_qualified_name() if self._declare(
+                'use_fqn', False, 'names of diagnostics begin with the namespace of the node, '
+                'for an aggregator of several star trackers') else node.get_name())
+        self._tick_period_s = self._declare(
+            'period', 1.0, 'period of the diagnostics [s]', FloatingPointRange(
+                from_value=0.1, to_value=2.0)) / _TICKS
         self._hardware_id = hardware_id
         self._condition = self._worst = (WARN, _NOTHING)
         self._events: list[str] = []
@@ -75,16 +83,19 @@ class Diagnostics:
         self._published_s = -math.inf
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # The steady clock: diagnostics continue while simulated time is stopped.
-        self._timer = node.create_timer(_TICK_S, self._tick, clock=Clock(
+        self._timer = node.create_timer(self._tick_period_s, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
-    def _declare_node_name(self) -> str:
-        """Return the first part of each name, with the namespace where diagnostic_updater has."""
-        use_fqn = self._node.declare_parameter(_USE_FQN, False, ParameterDescriptor(
-            name=_USE_FQN, read_only=True, description='names of diagnostics begin with the '
-            'namespace of the node, for an aggregator of several star trackers'))
-        return (self._node.get_fully_qualified_name() if use_fqn.value
-                else self._node.get_name())
+    def _declare(self, name: str, default: Any, description: str,
+                 *floating_point_range: FloatingPointRange) -> Any:
+        """Return the value of a parameter of diagnostic_updater; ParameterError if it is wrong."""
+        name = f'diagnostic_updater.{name}'
+        try:
+            return self._node.declare_parameter(name, default, ParameterDescriptor(
+                name=name, read_only=True, description=description,
+                floating_point_range=floating_point_range)).value
+        except ParameterException as error:
+            raise ParameterError(str(error)) from error
 
     def hold(self, message: str) -> None:
         """Report why the node is not active, and nothing else until release()."""
@@ -136,7 +147,7 @@ class Diagnostics:
     def _tick(self) -> None:
         """Publish at every second tick; report a late one."""
         now_s = time.monotonic()
-        late_s = 0.0 if self._tick_s is None else now_s - self._tick_s - _TICK_S
+        late_s = 0.0 if self._tick_s is None else now_s - self._tick_s - self._tick_period_s
         self._tick_s = now_s
         if late_s > _LATE_S:
             self.report_event(f'busy or stopped for {late_s:.1f} s')

@@ -31,6 +31,8 @@ _PR_SET_CHILD_SUBREAPER = 36
 _PR_SET_PDEATHSIG = 1
 _POLL_S = 0.005
 _END_S = 300.0
+# Tests wait for diagnostics, which come once a second by default.
+_OFTEN = {'diagnostic_updater.period': 0.1}
 
 
 class ForkedProcess:
@@ -100,6 +102,11 @@ class ForkedNodes(NodeProcesses):
 
     server: ForkServer | None = None
     """That of all groups, started with the first node."""
+
+    def start(self, node: str, parameters: dict[str, object] | None = None,
+              extra: Sequence[str] = (), *, namespace: str = '') -> subprocess.Popen:
+        """Start a node that publishes diagnostics often."""
+        return super().start(node, _OFTEN | (parameters or {}), extra, namespace=namespace)
 
     def run(self, name: str, command: Sequence[str]) -> subprocess.Popen | ForkedProcess:
         """Run a command under a name."""

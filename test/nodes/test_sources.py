@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from sensor_msgs.srv import SetCameraInfo
@@ -52,7 +53,8 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
     probe.wait(lambda: camera_from_message(heard[-1]) == better, 'the calibrated camera')
 
 
-def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
+@pytest.mark.parametrize('to_the_limit', [False, pytest.param(True, marks=pytest.mark.long)])
+def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe, to_the_limit):
     probe.collect(CameraInfo, 'camera_info', qos.LIST)
     probe.collect(Image, 'image_raw', qos.IMAGE)
     answers = probe.create_publisher(Imu, 'attitude_imu', qos.LIST)
@@ -69,7 +71,7 @@ def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
         """Return the stamps of so many images once there is time for more."""
         probe.wait(lambda: frames() >= count, f'{count} images')
         published = len(probe.diagnostics)
-        probe.wait(lambda: len(probe.diagnostics) > published, 'the time of some more')
+        probe.wait(lambda: len(probe.diagnostics) >= published + 10, 'the time of some more')
         assert frames() == count
         return sorted({ns_from_stamp(message.header.stamp) for message in heard})[-count:]
     for count, answered in ((3, 0), (4, 2)):
@@ -79,8 +81,9 @@ def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
     steps_ns = np.diff(images)
     assert np.abs(steps_ns - 100_000_000).max() <= 1, 'the stamps keep the rate'
     # What was lost on its way is not waited for without end.
-    probe.wait_diagnostic(f'no answer to the last image for {ANSWER_LIMIT_S:g} s')
-    assert frames() > 6
+    if to_the_limit:
+        probe.wait_diagnostic(f'no answer to the last image for {ANSWER_LIMIT_S:g} s')
+        assert frames() > 6
 
 
 def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):

@@ -60,9 +60,8 @@ class Latency:
     total_ms is the sum of stages_ms: transport with decoding, centroids, tracking and estimate,
     each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ,
     cpu_percent the processor time of the stages at that rate, in percent of a core, and memory_mib
-    their memory (Pss), both with those of the image source where it is composed with them. A rate
-    is sustained when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one of
-    the _RUNS.
+    their memory (Pss), both with the image source in a process of its own. A rate is sustained
+    when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
     """
 
     total_ms: np.ndarray
@@ -77,15 +76,16 @@ class TimedPipeline(Rig):
     """
     An image source and stages, started once and run at several rates.
 
-    Without stages the images are received by the rig itself.
+    Each of the groups of nodes is a process. Without stages the images are received by the rig.
     """
 
-    def __init__(self, images: Path, fov_deg: float, log_folder: Path, *, composed: bool = False,
-                 stages: Sequence[str] = STAGES) -> None:
+    def __init__(self, images: Path, fov_deg: float, log_folder: Path,
+                 groups: Sequence[Sequence[str]]) -> None:
         super().__init__(log_folder, timeout_s=_START_TIMEOUT_S)
         self._result_ns: dict[int, int] = {}
         self._processed_ns: dict[int, int] = {}
         self._frame_count = 0
+        stages = [name for group in groups for name in group if name != _SOURCE]
         if stages:
             self.probe.subscribe_with_info(
                 QuaternionStamped, 'attitude', self._on_attitude, qos.LIST)
@@ -95,7 +95,6 @@ class TimedPipeline(Rig):
         else:
             self.probe.create_subscription(
                 Image, 'image_raw', self._on_serialized_image, qos.LIST, raw=True)
-        groups = [(_SOURCE, *stages)] if composed else [(name,) for name in (*stages, _SOURCE)]
         self._stages = [group[0] for group in groups if group != (_SOURCE,)]
         self.files = [log_folder / f'{group[0]}.npy' for group in groups]
         arguments = parameter_arguments({
@@ -175,7 +174,7 @@ def core_ms(images: Path, fov_deg: float, epoch_year: float, *, rate_hz: float, 
 def crossing_ms(images: Path, fov_deg: float, log_folder: Path, *, rate_hz: float, count: int
                 ) -> np.ndarray:
     """Return times (N,) from sending an image to its receipt in another process."""
-    with TimedPipeline(images, fov_deg, log_folder, stages=()) as pipeline:
+    with TimedPipeline(images, fov_deg, log_folder, [(_SOURCE,)]) as pipeline:
         pipeline.run(20, _WARM_UP_IMAGES)
         received_ns, _ = pipeline.run(rate_hz, count)
     return _since_sent_ms(received_ns, _event_times_ns(pipeline.files))
@@ -202,19 +201,24 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
 
     The _RUNS at this rate have count images together. HarnessError when nothing is processed.
     """
-    with TimedPipeline(images, fov_deg, log_folder, composed=composed) as pipeline:
+    groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
+    with TimedPipeline(images, fov_deg, log_folder, groups) as pipeline:
         pipeline.run(20, _WARM_UP_IMAGES)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
-        begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
         camera_rate_ns, _ = pipeline.run(CAMERA_RATE_HZ, min(count, 100))
-        cpu_s, memory_mib = pipeline.used()
-        cpu_percent = 100 * (cpu_s - begin_cpu_s) / (time.monotonic() - begin_s)
         runs.append(pipeline.run(rate_hz, each))
         highest_hz = _highest_rate_hz(pipeline, rate_hz, any(
             _is_sustained(processed_ns, rate_hz, each) for _, processed_ns in runs))
         runs.append(pipeline.run(rate_hz, each))
     events_ns = _event_times_ns(pipeline.files)
+    groups = [STAGES] if composed else [(name,) for name in STAGES]
+    with TimedPipeline(images, fov_deg, log_folder, [*groups, (_SOURCE,)]) as pipeline:
+        pipeline.run(20, _WARM_UP_IMAGES)
+        begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
+        pipeline.run(CAMERA_RATE_HZ, min(count, 100))
+        cpu_s, memory_mib = pipeline.used()
+        cpu_percent = 100 * (cpu_s - begin_cpu_s) / (time.monotonic() - begin_s)
     attitude_ns = min((attitude_ns for attitude_ns, _ in runs), key=lambda run: np.median(
         _since_sent_ms(run, events_ns)) if run else np.inf)
     stages_ms = _stage_times_ms(events_ns, attitude_ns)

@@ -15,6 +15,8 @@ from startracker_ros.evaluation.campaign.fisheyes import (
     spots)
 from startracker_ros.evaluation.campaign.lenses import accepted_lens
 
+LONG = {'equisolid', 'orthographic', 'stereographic'}
+
 
 @pytest.fixture(scope='module')
 def identifier():
@@ -27,7 +29,9 @@ def error_px(identifier, night):
     return lens and night.error_px(SkyMapping(lens.camera, lens.axis_quaternion))
 
 
-@pytest.mark.parametrize('projection', PROJECTIONS)
+@pytest.mark.parametrize('projection', [
+    pytest.param(projection, marks=[pytest.mark.long] * (projection in LONG))
+    for projection in PROJECTIONS])
 def test_a_fisheye_of_any_projection_is_found_and_fitted(identifier, projection):
     rng, solved = np.random.default_rng(len(projection)), 0
     for _ in range(4):

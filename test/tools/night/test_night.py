@@ -105,6 +105,7 @@ def test_late_stamps_of_a_moving_mount_are_found():
     assert contains(rows['rate on the Earth'], 360)
 
 
+@pytest.mark.long
 def test_a_constant_delay_shows_in_no_row_and_the_sheet_says_so():
     delayed, prompt = (rows_of(mounted((late_s,) * 60)) for late_s in (LATE_S, 0.0))
     assert delayed['delay, constant part'].verdict == NOT_OBSERVABLE
