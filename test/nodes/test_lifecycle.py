@@ -307,7 +307,8 @@ def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
     probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
     for node in PIPELINE:
         nodes.start(node)
-    nodes.start('sky_simulator', {**SKY, 'wait_for_camera_users': len(PIPELINE)})
+    nodes.start('sky_simulator', {
+        **SKY, 'frame_rate_hz': 10.0, 'frames_ahead': 1, 'wait_for_camera_users': len(PIPELINE)})
 
     def reached(state, after=0):
         probe.wait(lambda: any(s.message == state for s in states[after:]), state)
