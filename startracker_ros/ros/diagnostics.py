@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The status of a node on /diagnostics, once a second; each change is logged once."""
+"""The status of a node on /diagnostics, time and again; each change is logged once."""
 
 from collections import Counter
 from collections.abc import Callable

@@ -145,6 +145,8 @@ def test_unknown_parameter_for_all_nodes_is_a_warning(nodes, probe, tmp_path, no
     ('image_publisher', {}, 'path is empty'),
     ('image_publisher', {'path': '/no/such'}, '/no/such does not exist'),
     ('attitude_estimator', {'min_stars': 0}, 'min_stars = 0 is out of range 2 .. 100'),
+    ('attitude_estimator', {'diagnostic_updater.period': 0.0},
+     'diagnostic_updater.period out of range Min: 0.1, Max: 2.0, value: 0.0'),
     ('attitude_estimator', {'source': 'sun'}, "source = 'sun' must be one of tracks, stars"),
     ('bag_recorder', {'folder': '/proc/bag'}, '/proc/bag'),
     ('attitude_estimator', {'qos_overrides./tracks.subscription.reliability': 'often'},
