@@ -118,7 +118,7 @@ class Flight:
         return answers
 
     def until(self, state, measured=RATE, identification_s=1.0):
-        """Fly until the tracker is in a state, with so much time a frame for its identification."""
+        """Fly until the tracker is in a state, so long a frame for its identification."""
         answers = []
 
         def reached():

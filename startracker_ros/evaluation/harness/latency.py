@@ -201,8 +201,10 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
 
     The _RUNS at this rate have count images together. HarnessError when nothing is processed.
     """
-    groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
-    with TimedPipeline(images, fov_deg, log_folder, groups) as pipeline:
+    stages = [STAGES] if composed else [(name,) for name in STAGES]
+    apart = [*stages, (_SOURCE,)]
+    with TimedPipeline(images, fov_deg, log_folder,
+                       [(_SOURCE, *STAGES)] if composed else apart) as pipeline:
         pipeline.run(20, _WARM_UP_IMAGES)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
@@ -212,8 +214,7 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
             _is_sustained(processed_ns, rate_hz, each) for _, processed_ns in runs))
         runs.append(pipeline.run(rate_hz, each))
     events_ns = _event_times_ns(pipeline.files)
-    groups = [STAGES] if composed else [(name,) for name in STAGES]
-    with TimedPipeline(images, fov_deg, log_folder, [*groups, (_SOURCE,)]) as pipeline:
+    with TimedPipeline(images, fov_deg, log_folder, apart) as pipeline:
         pipeline.run(20, _WARM_UP_IMAGES)
         begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
         pipeline.run(CAMERA_RATE_HZ, min(count, 100))
