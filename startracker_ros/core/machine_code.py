@@ -99,12 +99,17 @@ def _target() -> str:
 
 
 @cache
+def digest_of_sources(file: Path) -> str:
+    """Return a digest of a source and of all sources of the package that it imports."""
+    return hashlib.sha256(b''.join(
+        _source(source)[0] for source in sorted(_sources_of(file)))).hexdigest()
+
+
+@cache
 def _source_name(module: str) -> str:
-    digest = hashlib.sha256(repr(list(calls_of(module).items())).encode())
-    for source in sorted(_sources_of(_PACKAGE.parent.joinpath(*module.split('.'))
-                                     .with_suffix('.py'))):
-        digest.update(_source(source)[0])
-    return f'{module}-{digest.hexdigest()[:16]}'
+    file = _PACKAGE.parent.joinpath(*module.split('.')).with_suffix('.py')
+    made_of = repr((list(calls_of(module).items()), digest_of_sources(file)))
+    return f'{module}-{hashlib.sha256(made_of.encode()).hexdigest()[:16]}'
 
 
 def _sources_of(file: Path) -> set[Path]:

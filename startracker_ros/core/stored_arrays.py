@@ -11,6 +11,7 @@ of many databases gives back what it has not used for longest, beyond MOST_RESID
 from collections.abc import Callable
 from contextlib import suppress
 import hashlib
+import inspect
 import json
 import logging
 import mmap
@@ -26,12 +27,11 @@ import zlib
 import numpy as np
 from startracker_ros.core.folders import (
     cache_folder, MAX_DATABASE_BYTES, replaced, stored_databases)
+from startracker_ros.core.machine_code import digest_of_sources
 
 MOST_RESIDENT_BYTES = 100_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
 
-# To be raised whenever the same input would give other arrays or another layout.
-_VERSION = 4
 # CRC of all that follows, size of the file, length of the table of the arrays.
 _PREFIX = struct.Struct('<IQI')
 _ALIGNMENT = 64
@@ -121,10 +121,12 @@ def stored_arrays(kind: str, key: str, build: Callable[[], dict[str, np.ndarray]
     """
     Return the arrays of a kind and a key from the cache, or build and store them.
 
+    Those that other sources of build() have made are left alone.
     A file that does not match its checksum is rebuilt. Where the folder cannot be written, the
     arrays are built each time. The last used files remain, up to MAX_DATABASE_BYTES.
     """
-    path = cache_folder() / f'{kind}-{digest(_VERSION, key)[:32]}.bin'
+    sources = digest_of_sources(Path(inspect.getfile(build)))
+    path = cache_folder() / f'{kind}-{digest(sources, key)[:32]}.bin'
     stored = _load(path)
     if stored is None:
         arrays = build()
