@@ -152,7 +152,7 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
                        body.stamp_ns(body.time_s), 'optical'))))
     # Two heads with the mount of one.
     body.run_until(
-        'disagree by 120 deg', heads=(0,),
+        'no attitude: tracker_1 and tracker_2 disagree by 120 deg', heads=(0,),
         also=lambda: body.send(1, quaternion=multiply(
             body.truth(body.time_s), body.mounts[0])))
     assert body.newest_attitude_ns() <= reset_ns

@@ -316,7 +316,9 @@ class AttitudeFusion:
                 innovation = self._innovation(state, head, frame)
                 if innovation.nis > RETURN_GATE:
                     angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
-                    trouble = f'{other.name} and {head.name} disagree by {angle_deg:.3g} deg'
+                    # In one order, whichever frame came last: the text is one condition.
+                    names = ' and '.join(sorted((other.name, head.name)))
+                    trouble = f'{names} disagree by {angle_deg:.3g} deg'
                     continue
                 entries.append(_Entry(state.updated(innovation), head, frame, factor))
             return self._started(entries)
