@@ -9,15 +9,13 @@ import math
 import re
 from threading import Event, Thread
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from startracker_ros.ros.parameters import ParameterError
+from startracker_ros.ros.parameters import declare_one
 from std_msgs.msg import Header
 
 TaskResult = tuple[bytes, str, dict[str, object]]
@@ -57,13 +55,15 @@ class Diagnostics:
         self._node = node
         self._task = task
         # As those of diagnostic_updater. A status of 3 s ago is old to telemetry_bridge.
-        self._node_name = (
-            node.get_fully_qualified_name() if self._declare(
-                'use_fqn', False, 'names of diagnostics begin with the namespace of the node, '
-                'for an aggregator of several star trackers') else node.get_name())
-        self._tick_period_s = self._declare(
-            'period', 1.0, 'period of the diagnostics [s]', FloatingPointRange(
-                from_value=0.1, to_value=2.0)) / _TICKS
+        self._node_name = (node.get_fully_qualified_name() if declare_one(
+            node, False, ParameterDescriptor(
+                name='diagnostic_updater.use_fqn', read_only=True, description='names of '
+                'diagnostics begin with the namespace of the node, for an aggregator of several '
+                'star trackers')) else node.get_name())
+        self._tick_period_s = declare_one(node, 1.0, ParameterDescriptor(
+            name='diagnostic_updater.period', read_only=True, description='period of the '
+            'diagnostics [s]', floating_point_range=[
+                FloatingPointRange(from_value=0.1, to_value=2.0)])) / _TICKS
         self._hardware_id = hardware_id
         self._condition = self._worst = (WARN, _NOTHING)
         self._events: list[str] = []
@@ -85,17 +85,6 @@ class Diagnostics:
         # The steady clock: diagnostics continue while simulated time is stopped.
         self._timer = node.create_timer(self._tick_period_s, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
-
-    def _declare(self, name: str, default: Any, description: str,
-                 *floating_point_range: FloatingPointRange) -> Any:
-        """Return the value of a parameter of diagnostic_updater; ParameterError if it is wrong."""
-        name = f'diagnostic_updater.{name}'
-        try:
-            return self._node.declare_parameter(name, default, ParameterDescriptor(
-                name=name, read_only=True, description=description,
-                floating_point_range=floating_point_range)).value
-        except ParameterException as error:
-            raise ParameterError(str(error)) from error
 
     def hold(self, message: str) -> None:
         """Report why the node is not active, and nothing else until release()."""

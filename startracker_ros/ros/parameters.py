@@ -59,13 +59,18 @@ def declare(node: Node, classes: Sequence[type[Options]]) -> dict[type[Options],
         override = overrides.get(row.name)
         if override is not None:
             _check_override(row, override.value)
-        try:
-            node.declare_parameter(row.name, _to_ros(row.default), _descriptor(row))
-        except ParameterException as error:
-            raise ParameterError(str(error)) from error
+        declare_one(node, _to_ros(row.default), _descriptor(row))
     try:
         return {cls: read(node, cls) for cls in classes}
     except ValueError as error:
+        raise ParameterError(str(error)) from error
+
+
+def declare_one(node: Node, default: Any, descriptor: ParameterDescriptor) -> Any:
+    """Declare a parameter and return its value; ParameterError if an override does not fit."""
+    try:
+        return node.declare_parameter(descriptor.name, default, descriptor).value
+    except ParameterException as error:
         raise ParameterError(str(error)) from error
 
 

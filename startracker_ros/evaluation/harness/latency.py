@@ -201,30 +201,36 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
 
     The _RUNS at this rate have count images together. HarnessError when nothing is processed.
     """
-    stages = [STAGES] if composed else [(name,) for name in STAGES]
-    apart = [*stages, (_SOURCE,)]
-    with TimedPipeline(images, fov_deg, log_folder,
-                       [(_SOURCE, *STAGES)] if composed else apart) as pipeline:
+    groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
+    with TimedPipeline(images, fov_deg, log_folder, groups) as pipeline:
         pipeline.run(20, _WARM_UP_IMAGES)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
-        camera_rate_ns, _ = pipeline.run(CAMERA_RATE_HZ, min(count, 100))
+        camera_rate_ns, cpu_percent, memory_mib = _at_camera_rate(pipeline, count)
         runs.append(pipeline.run(rate_hz, each))
         highest_hz = _highest_rate_hz(pipeline, rate_hz, any(
             _is_sustained(processed_ns, rate_hz, each) for _, processed_ns in runs))
         runs.append(pipeline.run(rate_hz, each))
     events_ns = _event_times_ns(pipeline.files)
-    with TimedPipeline(images, fov_deg, log_folder, apart) as pipeline:
-        pipeline.run(20, _WARM_UP_IMAGES)
-        begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
-        pipeline.run(CAMERA_RATE_HZ, min(count, 100))
-        cpu_s, memory_mib = pipeline.used()
-        cpu_percent = 100 * (cpu_s - begin_cpu_s) / (time.monotonic() - begin_s)
+    if composed:
+        with TimedPipeline(images, fov_deg, log_folder, [STAGES, (_SOURCE,)]) as pipeline:
+            pipeline.run(20, _WARM_UP_IMAGES)
+            _, cpu_percent, memory_mib = _at_camera_rate(pipeline, count)
     attitude_ns = min((attitude_ns for attitude_ns, _ in runs), key=lambda run: np.median(
         _since_sent_ms(run, events_ns)) if run else np.inf)
     stages_ms = _stage_times_ms(events_ns, attitude_ns)
     return Latency(np.sum(list(stages_ms.values()), axis=0), stages_ms,
                    _since_sent_ms(camera_rate_ns, events_ns), cpu_percent, memory_mib, highest_hz)
+
+
+def _at_camera_rate(pipeline: TimedPipeline, count: int
+                    ) -> tuple[dict[int, int], float, float]:
+    """Return times of receipt by stamp, the percent of a core and the MiB that the stages use."""
+    begin_s, (begin_cpu_s, _) = time.monotonic(), pipeline.used()
+    received_ns, _ = pipeline.run(CAMERA_RATE_HZ, min(count, 100))
+    cpu_s, memory_mib = pipeline.used()
+    cpu_percent = 100 * (cpu_s - begin_cpu_s) / (time.monotonic() - begin_s)
+    return received_ns, cpu_percent, memory_mib
 
 
 def _highest_rate_hz(pipeline: TimedPipeline, rate_hz: float, is_sustained: bool) -> float:
