@@ -91,15 +91,20 @@ def binomial_tail(m: int, n: int, p: float) -> float:
     """Return P_1, the probability of m or more successes of n."""
     if m <= 0 or p >= 1:
         return 1.0
+    # Relative to the largest term, which is near n p: far from it they are less than any number.
+    largest = min(int((n + 1) * p), n)
+    total = tail = 0.0
     term = 1.0
-    for k in range(m):
-        term *= (n - k) / (k + 1) * p
-    term *= (1 - p) ** (n - m)
-    total = 0.0
-    for k in range(m, n + 1):
+    for k in range(largest, n + 1):
         total += term
+        tail += term if k >= m else 0.0
         term *= (n - k) / (k + 1) * p / (1 - p)
-    return min(total, 1.0)
+    term = 1.0
+    for k in range(largest - 1, -1, -1):
+        term *= (k + 1) / (n - k) * (1 - p) / p
+        total += term
+        tail += term if k >= m else 0.0
+    return tail / total
 
 
 def _permutation_shares() -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 from startracker_ros.core.catalog.sky_grid import sky_grid
-from startracker_ros.core.identify.false_alarm import fisher_combined, least_matches
+from startracker_ros.core.identify.false_alarm import binomial_tail, fisher_combined, least_matches
 from startracker_ros.core.identify.lens_mismatch import lens_mismatch
 
 SIGMA = 1e-4
@@ -21,6 +21,14 @@ CHANCE = 1e-4
 def test_four_probabilities_are_combined_as_fisher_does(product):
     """Minus twice the logarithm of n uniform numbers' product is chi-square with 2 n degrees."""
     assert fisher_combined(product) == pytest.approx(chi2.sf(-2 * np.log(product), 8), rel=1e-9)
+
+
+@pytest.mark.parametrize('n', [1, 54, 1000])
+@pytest.mark.parametrize('p', [0.0, 1e-6, 0.003, 0.4, 0.6, 0.99, 1 - 1e-6, 1 - 1e-12, 1.0])
+def test_matches_by_chance_have_the_binomial_tail(n, p):
+    """That of a nearly certain match too, whose misses are less probable than any number."""
+    for m in (0, 1, n // 3, n - 1, n):
+        assert binomial_tail(m, n, p) == pytest.approx(binom.sf(m - 1, n, p), rel=1e-9, abs=1e-290)
 
 
 @pytest.mark.parametrize('n', [5, 12, 30])
