@@ -13,7 +13,7 @@ of the result is therefore that of the middle of the image, which the stars alwa
 
 Matching and fit alternate: the better the lens, the more stars of the whole image are in the
 gate, which follows the scatter of the residuals. A fisheye has the terms k1 to k4, and the gates
-of fisheye_growth.py.
+of lens_growth.py.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.calibration.fisheye_growth import gated
 from startracker_ros.core.calibration.lens_fit import (
     changed, fit_lens, folds, LEAST_ERROR_PX, linearised, RADIAL, stars_in_image)
+from startracker_ros.core.calibration.lens_growth import gated
 from startracker_ros.core.calibration.matching import nearest_pairs
 from startracker_ros.core.camera.distortion import coefficients_of
 from startracker_ros.core.camera.lens import Lens, rays, undistorted

@@ -26,9 +26,10 @@ class Detections:
     The stars of an image (H, W) uint8 or uint16 in up to four lists, each brightest first.
 
     The lists differ in what counts as a star: a fitted point; any spot; any spot of the image at
-    half its resolution, which has no colour mosaic and less noise, spread over the image; a fitted
-    point of any width or streak. Each is made when it is first needed; lists without stars are
-    left out. extraction is that of the last list, once it is made, else of the first.
+    half its resolution, which has no colour mosaic and less noise, in calm surroundings and spread
+    over the image; a fitted point of any width or streak. Each is made when it is first needed;
+    lists without stars are left out. extraction is that of the last list, once it is made, else of
+    the first.
     """
 
     def __init__(self, image: np.ndarray) -> None:
@@ -66,6 +67,6 @@ def _spots_at_half_resolution(image: np.ndarray) -> Centroids:
     # The sum of four, halved: the depth of the pixels stays, and so does most of the precision.
     binned = (blocks.sum((1, 3), dtype=np.uint32) // 2).astype(np.uint16)
     # Where all stars are saturated, those of the blurred side of a wide lens seem the brightest.
-    spots = find_spots(binned, _SPREAD_SHARE)
+    spots = find_spots(binned, _SPREAD_SHARE, calm=True)
     return replace(spots, uv=2 * spots.uv + 0.5, sigma_px=2 * spots.sigma_px,
                    covariance=ROUND)

@@ -32,19 +32,27 @@ _REFERENCE_PX = 1024
 _RING_PX, _RING, _RING_HIGHEST, _RING_SHARE = 3.0, 16, 12, 0.5
 _TURN = 2 * np.pi * np.arange(_RING)[:, None] / _RING
 _RING_DIRECTIONS = np.hstack([np.cos(_TURN), np.sin(_TURN)])
+# In the sky less than this share of a square about a spot, the longest side of the image over so
+# many, is above the threshold.
+_CALM_SHARE, _CALM_SIDES = 0.05, 24
 _SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
 _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
 
-def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE) -> Centroids:
-    """Return the connected spots of an image (H, W), the brightest first; share as in quota.py."""
+def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE, calm: bool = False) -> Centroids:
+    """
+    Return the connected spots of an image (H, W), the brightest first; share as in quota.py.
+
+    Calm ones only: not those of trees, buildings and text, which are close together.
+    """
     image = readable(image)
     height, width = image.shape
     mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
     level = over_image(mesh.level, image.shape)
     smooth = cv2.GaussianBlur(image - level, (0, 0), _FILTER_SIGMA_PX)
     threshold = over_image(np.maximum(_THRESHOLD_SIGMAS * mesh.noise, _LEAST_DN), image.shape)
-    pixel = np.flatnonzero(smooth > threshold)
+    above = smooth > threshold
+    pixel = np.flatnonzero(above)
     v, u = np.divmod(pixel, width)
     spot, count = connected_spots(u, v, width, height)
     flux, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
@@ -57,6 +65,8 @@ def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE) -> Centroids:
     peak = np.zeros(count)
     np.maximum.at(peak, spot, flux)
     chosen = chosen[_isolated(smooth, level, centre[chosen], side[chosen], peak[chosen])]
+    if calm:
+        chosen = chosen[_surroundings(above, centre[chosen]) < _CALM_SHARE]
     chosen = chosen[np.argsort(-total[chosen], kind='stable')]
     # Letters and lit windows are bright and close together.
     chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS, cell_share)]
@@ -93,6 +103,13 @@ def _isolated(smooth: np.ndarray, level: np.ndarray, centre: np.ndarray, side: n
     around = np.partition(smooth[v, u], _RING_HIGHEST, axis=1)[:, _RING_HIGHEST]
     u, v = np.rint(centre).astype(int).T
     return level[v, u] + height - around > _RING_SHARE * height
+
+
+def _surroundings(above: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Return the share (N,) of the pixels about centres (N, 2) that are above (H, W)."""
+    side = max(above.shape) // _CALM_SIDES
+    u, v = np.rint(centre).astype(int).T
+    return cv2.blur(above.astype(np.float32), (side, side))[v, u]
 
 
 def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

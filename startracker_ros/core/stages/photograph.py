@@ -13,9 +13,9 @@ from startracker_ros.core.astro.aberration import apparent_directions
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.attitude.systematic_errors import with_velocity_error
-from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
 from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
-from startracker_ros.core.camera.distortion import EQUIDISTANT
+from startracker_ros.core.calibration.unknown_lens import (
+    FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
@@ -32,13 +32,13 @@ from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
-# Of the nominal camera, and of any field; a fisheye is certain. With a catalogue of the user, of
-# its narrow fields near a position, and anywhere.
+# Of the nominal camera, and of any field; unknown lenses are certain. With a catalogue of the
+# user, of its narrow fields near a position, and anywhere.
 _SEARCHES, _TILED_SEARCHES = 2, 2
-_FISHEYE_DEG = 180.0
-# A wider lens may be a fisheye, some of whose stars another lens explains: all are searched. Where
-# the field is given it is mostly right.
-_WIDEST_DEG, _WIDEST_GIVEN_DEG = 45.0, 90.0
+_CROPPED_DEG, _FISHEYE_DEG = 60.0, 180.0
+# A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
+# explains: these are searched too. Where the field is given it is mostly right.
+_CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -47,7 +47,8 @@ class _Search(NamedTuple):
     How one image is searched.
 
     any_field is whether that is of other fields than of the camera; coarse says why its pixels
-    resolve no stars, empty if they do.
+    resolve no stars, empty if they do. A lens of up to enough_deg that an earlier search finds
+    needs no such search.
     """
 
     camera: Camera
@@ -56,6 +57,7 @@ class _Search(NamedTuple):
     fov_error: float
     attempts: int
     fields: str
+    enough_deg: float = _WIDEST_GIVEN_DEG
     any_field: bool = True
     coarse: str = ''
 
@@ -65,7 +67,8 @@ class PhotographSolver:
     Solves photographs at one epoch; the lens is fitted to each.
 
     A nominal camera is believed first, then any field of view is searched: both together are as
-    strict as one identification. Fisheyes are the last, and certain. A catalogue of the user is
+    strict as one identification. Lenses of which nothing is known, not the centre either, are the
+    last, and certain: of cropped images, and fisheyes. A catalogue of the user is
     searched before all others, for the narrow fields that it is made for.
     """
 
@@ -78,7 +81,7 @@ class PhotographSolver:
         self._tiled = None if catalogue is None else TiledIdentifier(
             catalogue, epoch_year, options)
         self._blind = BlindIdentifier(epoch_year, options)
-        self._fisheye = FisheyeIdentifier(epoch_year, self._blind.wide_quads)
+        self._unknown = UnknownLensIdentifier(epoch_year, self._blind.wide_quads)
         # Not of a method of this object: the cycle would keep the databases.
         self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
@@ -110,7 +113,14 @@ class PhotographSolver:
 
         The lists are tried in turn; remark is what else may be the reason for no solution.
         """
-        searches = [_any_field(self._blind, shape, nominal), _any_fisheye(self._fisheye, shape)]
+        centred_deg, widest_deg = (
+            (_CENTRED_DEG, _WIDEST_DEG) if nominal is None else (_WIDEST_GIVEN_DEG,) * 2)
+        searches = [
+            _any_field(self._blind, shape, nominal),
+            _unknown_lens(self._unknown, shape, RECTILINEAR, _CROPPED_DEG,
+                          '28 to 100 deg off centre', centred_deg),
+            _unknown_lens(self._unknown, shape, FISHEYES, _FISHEYE_DEG, 'fisheyes up to 190 deg',
+                          widest_deg)]
         if nominal is not None:
             searches.insert(0, self._known(nominal))
         narrow, lack = self._narrow(nominal, shape, place)
@@ -121,6 +131,8 @@ class PhotographSolver:
         rejected = ''
         best: Solution | None = None
         for search in searches:
+            if best is not None and best.fov_deg <= search.enough_deg:
+                continue
             solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
             if solved is None:
@@ -137,8 +149,6 @@ class PhotographSolver:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
                                 SkyMapping(lens.camera, lens.axis_quaternion), seen,
                                 nominal if search.any_field else None)
-            if best.fov_deg <= (_WIDEST_DEG if nominal is None else _WIDEST_GIVEN_DEG):
-                break
         if best is not None:
             return best
         most = max(lists, key=len)
@@ -212,14 +222,15 @@ def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fie
         f'{where}', any_field=False)
 
 
-def _any_fisheye(identifier: FisheyeIdentifier, shape: tuple[int, int]) -> _Search:
-    """Return the search of an image of shape (H, W) of an unknown fisheye."""
+def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], lenses: Lenses,
+                  fov_deg: float, fields: str, enough_deg: float) -> _Search:
+    """Return the search of an image of shape (H, W) by lenses of a kind, of about fov_deg."""
     height, width = shape
     return _Search(
-        Camera.from_fov(width, height, _FISHEYE_DEG, EQUIDISTANT),
-        lambda lists: identifier.identify(lists, shape),
-        lambda lists: identifier.identify_mirrored(lists, shape),
-        blind.LENS_ERROR, 1, 'fisheyes up to 190 deg')
+        Camera.from_fov(width, height, fov_deg, lenses.model),
+        partial(identifier.identify, shape=shape, lenses=lenses),
+        partial(identifier.identify_mirrored, shape=shape, lenses=lenses),
+        blind.LENS_ERROR, 1, fields, enough_deg)
 
 
 def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:

@@ -2,21 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Simulated nights of unknown fisheyes: how many are solved, and whether any wrongly.
+Simulated nights of unknown lenses, mostly fisheyes: how many are solved, and whether any wrongly.
 
 Each draw has a lens of its own: one of five projections, a circle of 100 to 190 deg, off centre
 and partly cropped, in an image of one of three shapes. Its axis is up to 75 deg from the zenith.
 It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the Moon, dimmed by the
 air, with a noise of 0.3 to 1 px, and 30 spots that are none: the Moon, lamps along the horizon,
-the rest anywhere. The solver of photographs is given the star list and the shape of the image,
-nothing else. Lists without a sky, and mirrored and shuffled nights, must have no answer.
+the rest anywhere. A cropped image is a part, anywhere, of one of a distorted rectilinear lens. The
+solver of photographs is given the star list and the shape of the image, nothing else. Lists
+without a sky, and mirrored and shuffled nights, must have no answer.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import time
 
 import numpy as np
+from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
@@ -32,6 +35,8 @@ SHAPES = (1000, 1000), (960, 1280), (1080, 1920)
 FOV_DEG, RADIUS, CENTRE, TILT_DEG = (100.0, 190.0), (0.85, 1.4), 0.1, 75.0
 MAGNITUDE, NOISE_PX, FALSE, LAMPS = (4.0, 5.0), (0.3, 1.0), 30, 9
 _EXTINCTION, _SCATTER, _MISSING, _GLARE_DEG = 0.2, 0.3, 0.05, 10.0
+CROPPED_DEG, CROPPED_K1, CROPPED, CROPPED_STARS = (60.0, 100.0), (-0.2, 0.1), (0.5, 0.8), (25, 60)
+_CROPPED_OF, _CROPPED_FALSE = (1500, 2000), 12
 _CORRECT_PX = 3.0  # median error of the stars in the fitted lens
 _TIME_S = 5.0
 _PART_TRIALS = 25
@@ -129,6 +134,41 @@ def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
         icrf[seen], own)
 
 
+def draw_cropped(rng: np.random.Generator) -> FisheyeNight:
+    """Return what a part of an image of a random rectilinear lens sees of a random sky."""
+    height, width = _CROPPED_OF
+    while True:
+        focal_px = width / 2 / np.tan(np.radians(rng.uniform(*CROPPED_DEG)) / 2)
+        try:
+            camera = Camera(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2,
+                            (rng.uniform(*CROPPED_K1), 0.0, 0.0, 0.0, 0.0))
+        except CameraError:
+            continue
+        break
+    shape = (rng.uniform(*CROPPED, 2) * _CROPPED_OF).astype(int)
+    corner, size = (rng.uniform(size=2) * (_CROPPED_OF - shape))[::-1], shape[::-1] - 1
+    icrf = load_catalog().directions(EPOCH_YEAR)
+    sensor = icrf @ matrix_from_quaternion(random_attitude(rng))
+    # Beyond the corners of its image a distortion folds back.
+    ahead = np.flatnonzero(sensor[:, 2] > np.cos(camera.corner_angle_rad))
+    uv = camera.project(sensor[ahead]) - corner
+    seen = ((uv > 0) & (uv < size)).all(1) & (rng.uniform(size=len(uv)) > _MISSING)
+    star = ahead[seen][:rng.integers(*CROPPED_STARS)]
+    own, noise_px = uv[seen][:len(star)], rng.uniform(*NOISE_PX)
+    flux = 10 ** (-0.4 * (load_catalog().magnitude[star] + rng.normal(0, _SCATTER, len(star))))
+    return FisheyeNight(
+        (int(shape[0]), int(shape[1])),
+        spots(np.vstack([own + rng.normal(0, noise_px, own.shape),
+                         rng.uniform(0, size, (_CROPPED_FALSE, 2))]),
+              np.append(flux, rng.choice(flux, _CROPPED_FALSE)), noise_px), icrf[star], own)
+
+
+SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
+    **{name: partial(draw_night, projection=name) for name in PROJECTIONS},
+    'cropped': draw_cropped}
+"""What has an answer, by name."""
+
+
 def random_directions(rng: np.random.Generator, count: int) -> np.ndarray:
     """Return unit vectors (count, 3), uniform on the sphere."""
     direction = rng.normal(size=(count, 3))
@@ -188,7 +228,7 @@ NO_SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
     'mirrored': draw_mirrored, 'shuffled': draw_shuffled}
 """What has no answer, by name."""
 
-KINDS = (*PROJECTIONS, *NO_SKIES)
+KINDS = (*SKIES, *NO_SKIES)
 """Names of all draws."""
 
 
@@ -210,11 +250,14 @@ class NightOutcome:
 
 
 def solve_nights(name: str, trials: int, seed: int) -> NightOutcome:
-    """Search so many nights of a projection, or lists without a sky, by name."""
-    solver = PhotographSolver(EPOCH_YEAR)
+    """Search so many nights, or lists without a sky, by name."""
+    solver, draw = PhotographSolver(EPOCH_YEAR), {**SKIES, **NO_SKIES}[name]
     rng, rows = np.random.default_rng(seed), []
+    # Databases are built at the first search ever.
+    first = draw(np.random.default_rng(0))
+    solver.solve_lists([first.centroids], first.shape)
     for _ in range(trials):
-        night = NO_SKIES[name](rng) if name in NO_SKIES else draw_night(rng, name)
+        night = draw(rng)
         start_s = time.process_time()
         sky = solver.solve_lists([night.centroids], night.shape).sky
         cpu_s = time.process_time() - start_s
@@ -230,7 +273,7 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     outcomes = dict(zip(names, parallel_trials(
         solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed, title='fisheyes',
         scheduler=scheduler)))
-    of_skies = [name for name in names if name in PROJECTIONS]
+    of_skies = [name for name in names if name in SKIES]
     rows = []
     if of_skies:
         nights = joined([outcomes[name] for name in of_skies])
@@ -246,11 +289,15 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
         'machine': machine(),
         'lens': f'{FOV_DEG[0]:g} to {FOV_DEG[1]:g} deg, axis off by up to {CENTRE:.0%} of the '
                 f'short side, up to {TILT_DEG:g} deg from the zenith',
+        'cropped': f'{CROPPED[0]:.0%} to {CROPPED[1]:.0%} of each side of an image of '
+                   f'{CROPPED_DEG[0]:g} to {CROPPED_DEG[1]:g} deg, k1 {CROPPED_K1[0]:g} to '
+                   f'{CROPPED_K1[1]:g}, {CROPPED_STARS[0]} to {CROPPED_STARS[1]} stars, '
+                   f'{_CROPPED_FALSE} false',
         'spots': f'stars to V {MAGNITUDE[0]:g} to {MAGNITUDE[1]:g}, noise {NOISE_PX[0]:g} to '
                  f'{NOISE_PX[1]:g} px, {FALSE} false: the Moon, up to {LAMPS} lamps, the rest '
                  'anywhere',
         'given': 'nothing',
         'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
         'accepted': 'any answer to spots that are no sky',
-        'times': 'process CPU time of all searches',
+        'times': 'process CPU time of all searches, with the databases there',
         'trials': trials, 'seed': seed})

@@ -105,8 +105,8 @@ _campaign('lenses', 'campaign.lenses:run_lenses_campaign',
           'Star lists of uncalibrated lenses of 5 to 70 deg, solved with the field of view alone.',
           trials_option(200, 'Fields, each of a lens of its own.'), scheduler_option)
 _campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
-          'Star lists of fisheyes of which nothing is known, and spots that are no sky.',
-          trials_option(200, 'Nights of each projection, lists of each kind without a sky.'),
+          'Star lists of fisheyes and cropped images of which nothing is known, and of no sky.',
+          trials_option(200, 'Nights of each kind of lens, lists of each kind without a sky.'),
           only_option('Kinds'),
           scheduler_option, known='KINDS', kind='kind')
 _campaign('heads', 'campaign.heads:run_heads_campaign',

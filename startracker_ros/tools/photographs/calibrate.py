@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -14,10 +15,10 @@ from startracker_ros.core.astro.epoch import epoch_year_now
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
-from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.calibration.matching import View
 from startracker_ros.core.calibration.summary import figures, summary
+from startracker_ros.core.calibration.unknown_lens import FISHEYES, UnknownLensIdentifier
 from startracker_ros.core.camera.distortion import PLUMB_BOB
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
@@ -144,8 +145,8 @@ def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_yea
     ladder = LadderIdentifier(camera, epoch_year, _WIDE)
     searches = [(ladder.identify, _WIDE.fov_error_percent / 100)]
     if camera.model.equidistant:
-        fisheye = FisheyeIdentifier(epoch_year, BlindIdentifier(epoch_year).wide_quads)
-        searches.insert(0, (lambda lists: fisheye.identify(lists, shape), LENS_ERROR))
+        unknown = UnknownLensIdentifier(epoch_year, BlindIdentifier(epoch_year).wide_quads)
+        searches.insert(0, (partial(unknown.identify, shape=shape, lenses=FISHEYES), LENS_ERROR))
     for image_centroids, (identify, focal_error) in product(centroids.values(), searches):
         for attempt in identify([image_centroids]):
             if attempt.identification.attitude is not None:

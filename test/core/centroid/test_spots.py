@@ -48,3 +48,20 @@ def test_neighbours_and_slopes_leave_a_spot():
     spots = find_spots(image.clip(0, 65535).astype(np.uint16))
     for star in stars:
         assert np.linalg.norm(spots.uv - star, axis=1).min() < 0.5
+
+
+def test_spots_in_calm_surroundings_are_the_stars_beside_a_lit_tree():
+    """All its leaves are brighter than the stars."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    rng = np.random.default_rng(1)
+    stars = np.array([(x, y) for x in range(40, 400, 70) for y in range(40, 600, 70)])
+    leaves = np.array([(x, y) for x in range(520, 780, 13) for y in range(20, 580, 13)])
+    image = rng.normal(40, 2, (HEIGHT, WIDTH))
+    for spots, height in ((stars, 40), (leaves, 120)):
+        for x, y in spots + rng.uniform(-2, 2, spots.shape):
+            image += height * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * 1.3 ** 2))
+    image = image.clip(0, 255).astype(np.uint8)
+    assert np.count_nonzero(find_spots(image).uv[:, 0] < 480) < len(stars) / 2
+    calm = find_spots(image, calm=True)
+    apart = np.linalg.norm(calm.uv[:, None] - stars, axis=2)
+    assert (apart.min(axis=0) < 4).all() and (apart.min(axis=1) < 4).mean() > 0.8

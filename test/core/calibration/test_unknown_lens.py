@@ -1,18 +1,19 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fisheyes of any projection are identified without any knowledge of them, and noise is none."""
+"""Wide lenses of which nothing is known are identified, the centre neither, and noise is none."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from startracker_ros.core.calibration.fisheye import FisheyeIdentifier, neighbours
+from startracker_ros.core.calibration.unknown_lens import (
+    FISHEYES, neighbours, RECTILINEAR, UnknownLensIdentifier)
 from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.evaluation.campaign.fisheyes import (
-    draw_mirrored, draw_night, EPOCH_YEAR, NO_SKIES, PROJECTIONS, run_fisheyes_campaign, SHAPES,
-    spots)
+    draw_cropped, draw_mirrored, draw_night, EPOCH_YEAR, NO_SKIES, PROJECTIONS,
+    run_fisheyes_campaign, SHAPES, SKIES, spots)
 from startracker_ros.evaluation.campaign.lenses import accepted_lens
 
 LONG = {'equisolid', 'orthographic', 'stereographic'}
@@ -20,12 +21,12 @@ LONG = {'equisolid', 'orthographic', 'stereographic'}
 
 @pytest.fixture(scope='module')
 def identifier():
-    return FisheyeIdentifier(EPOCH_YEAR, BlindIdentifier(EPOCH_YEAR).wide_quads)
+    return UnknownLensIdentifier(EPOCH_YEAR, BlindIdentifier(EPOCH_YEAR).wide_quads)
 
 
-def error_px(identifier, night):
+def error_px(identifier, night, lenses=FISHEYES):
     """Return the error of a night's stars in the lens that is found, None for none."""
-    lens = accepted_lens(identifier.identify([night.centroids], night.shape), LENS_ERROR)
+    lens = accepted_lens(identifier.identify([night.centroids], night.shape, lenses), LENS_ERROR)
     return lens and night.error_px(SkyMapping(lens.camera, lens.axis_quaternion))
 
 
@@ -44,31 +45,43 @@ def test_a_fisheye_of_any_projection_is_found_and_fitted(identifier, projection)
     assert solved >= 3
 
 
+def test_a_part_of_an_image_is_found_wherever_its_centre_is(identifier):
+    rng, solved = np.random.default_rng(4), 0
+    for _ in range(6):
+        night = draw_cropped(rng)
+        error = error_px(identifier, night, RECTILINEAR)
+        if error is not None:
+            assert error < 2 * night.centroids.sigma_px[0]
+            solved += 1
+    assert solved >= 5
+
+
 def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
     # Of its 40 brightest spots 11 are none, among them the four brightest.
     night = draw_night(np.random.default_rng([2, 15, 9]), 'equisolid')
     assert error_px(identifier, night) < 1.0
 
 
+@pytest.mark.parametrize('lenses', [FISHEYES, RECTILINEAR], ids=['fisheyes', 'rectilinear'])
 @pytest.mark.parametrize('kind', NO_SKIES)
-def test_spots_that_are_no_stars_are_no_fisheye(identifier, kind):
+def test_spots_that_are_no_stars_have_no_lens(identifier, kind, lenses):
     rng = np.random.default_rng(2)
     for _ in range(2):
         night = NO_SKIES[kind](rng)
-        assert not [*identifier.identify([night.centroids], night.shape)]
+        assert not [*identifier.identify([night.centroids], night.shape, lenses)]
 
 
 def test_few_spots_are_no_fisheye(identifier):
     rng, (height, width) = np.random.default_rng(2), SHAPES[1]
     for _ in range(4):
         few = spots(rng.uniform(0, [width - 1, height - 1], (12, 2)), rng.uniform(size=12), 0.3)
-        assert not [*identifier.identify([few], SHAPES[1])]
+        assert not [*identifier.identify([few], SHAPES[1], FISHEYES)]
 
 
 def test_a_mirrored_fisheye_is_found_as_mirrored(identifier):
     night = draw_mirrored(np.random.default_rng(4))
     back = replace(night.centroids, uv=[night.shape[1] - 1, 0] + night.centroids.uv * [-1, 1])
-    assert next(identifier.identify_mirrored([back], night.shape), None) is not None
+    assert next(identifier.identify_mirrored([back], night.shape, FISHEYES), None) is not None
 
 
 @pytest.mark.long
@@ -77,7 +90,7 @@ def test_the_campaign_counts_nights_and_lists_without_a_sky():
     rows = {row.case: row for row in result.rows}
     assert rows['wrong'].holds and all(rows[f'accepted, {name}'].holds for name in NO_SKIES)
     assert rows['solved'].ours == np.mean(
-        [rows[f'solved, {name}'].ours for name in PROJECTIONS])
+        [rows[f'solved, {name}'].ours for name in SKIES])
 
 
 def test_quads_of_neighbours_are_each_once():

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A fisheye grown from four stars outwards.
+An unknown lens grown from four stars outwards.
 
-An assumed fisheye is right only near the stars that led to it. Fit and matching alternate: the
+An assumed lens is right only near the stars that led to it. Fit and matching alternate: the
 covariance P of the fitted parameters gives the pixel of each other catalogue star with the
 covariance C = H P H^T + s^2, H the derivatives of its pixel and s the error of the spots. A spot
 within the gate e^T C^-1 e < 9 is that star, unless the gate is so large that it holds a spot by
@@ -12,7 +12,7 @@ chance. So the match spreads over the image as the lens becomes known.
 
 Were the four stars wrong, each of n other spots would be within r = 3 s of one of S stars of the
 image with p = S pi r^2 / A, A the area over which the spots are spread. m matches of n have the
-binomial tail P_1, their order of brightness P_3 of identify/false_alarm.py. The eleven parameters
+binomial tail P_1, their order of brightness P_3 of identify/false_alarm.py. The parameters
 of the fit are worth six stars, which do not count. Both are combined as Fisher does.
 """
 
@@ -36,7 +36,7 @@ _FIRST_STARS, _GROWING = 5, 3
 _MOST_ERROR = 0.02  # of the longest side: the four stars do not fit the lens
 _PARAMETER_STARS = 6
 _LEAST_FARTHEST_RAD = 1.0
-# Beyond this angle no fisheye sees stars: images have a black margin.
+# Beyond this angle no lens sees stars: images have a black margin.
 _WIDEST_COS = np.cos(np.radians(97.0))
 
 
@@ -48,7 +48,7 @@ def best_grown(start: Lens, free: np.ndarray, direction: np.ndarray, uv: np.ndar
     Return the most probable of the lenses that are grown from candidates.
 
     Spots spot (K, 4) of uv (N, 2) are taken for the stars star (K, 4) of direction (S, 3), and the
-    focal length is that of start over ratio (K,). free (11,) is as in fit_lens(). Return the
+    focal length is that of start over ratio (K,). free (P,) is as in fit_lens(). Return the
     probability that it is chance, the lens, the attitude (4,) and the star (N,) of each spot.
     """
     best = 1.0, start, np.array([0.0, 0.0, 0.0, 1.0]), np.full(len(uv), -1)
@@ -95,7 +95,7 @@ def gated(lens: Lens, q: np.ndarray, covariance: np.ndarray, error_px: float,
     """
     Return the star (N,) in whose gate each spot is, one to one, -1 for none.
 
-    The lens has the covariance (11, 11), the spots uv (N, 2) have the error error_px.
+    The lens has the covariance (P, P), the spots uv (N, 2) have the error error_px.
     """
     index, _ = stars_in_image(lens, q, direction)
     pixel, partial = linearised(lens, q, direction[index], len(covariance))

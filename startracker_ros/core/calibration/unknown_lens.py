@@ -2,28 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Identification of an image of a fisheye of which nothing is known.
+Identification of an image of a wide lens of which nothing is known, its centre neither.
 
-The projections of fisheyes differ little near the axis: an assumed one, of about the focal
+Such a lens is a fisheye, or a rectilinear one whose image is cropped or strongly distorted. The
+projections of lenses differ little near the axis: an assumed one, of about the focal
 length, has the shapes of small quads of stars (sky_quads.py) nearly right. One after the other is
 assumed. A quad of neighbouring spots that has the shape of a quad of the sky is a candidate, and
-the lens is grown from its four stars (fisheye_growth.py): attitude, focal lengths, principal point
+the lens is grown from its four stars (lens_growth.py): attitude, focal lengths, principal point
 and radial terms. The most probable one of all assumed lenses is taken.
 
 Of T candidates tested so far, each has T times the probability of a single one that its matches
-are chance. The limit is so low that it adds nothing to the false alarms of other searches: a
-fisheye sees dozens of bright stars.
+are chance. The limit is so low that it adds nothing to the false alarms of other searches: a wide
+lens sees dozens of bright stars.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from itertools import combinations, islice, product
+from itertools import combinations, islice
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.core.calibration.fisheye_growth import best_grown
-from startracker_ros.core.camera.distortion import coefficients_of, EQUIDISTANT
+from startracker_ros.core.calibration.lens_growth import best_grown
+from startracker_ros.core.camera.distortion import coefficients_of, EQUIDISTANT, MODELS, PLUMB_BOB
 from startracker_ros.core.camera.lens import farthest_angle, Lens, project, rays, undistorted
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -35,21 +37,40 @@ from startracker_ros.core.identify.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.core.identify.sky_quads import matching_neighbours, SkyQuads
 from startracker_ros.core.stored_arrays import prepare
 
+
+class Lenses(NamedTuple):
+    """
+    Lenses of a kind that are assumed.
+
+    radial are k1 to k4 of each; the longest side of the image has least_span focal lengths at
+    least, the shortest side most_span at most. free (P,) are the prior standard deviations of
+    attitude, focal length, pixel ratio, principal point and the terms from k1 on.
+    """
+
+    model: str
+    radial: tuple[tuple[float, float, float, float], ...]
+    least_span: float
+    most_span: float
+    free: np.ndarray
+
+
 # theta_d / theta of the projections as a series in theta^2, theta_d the radius over the focal
-# length: 2 tan(theta / 2), theta, 2 sin(theta / 2) and sin(theta).
-_PROJECTIONS = {
-    'stereographic': (1 / 12, 1 / 120, 17 / 20160, 31 / 362880),
-    'equidistant': (0.0, 0.0, 0.0, 0.0),
-    'equisolid': (-1 / 24, 1 / 1920, -1 / 322560, 1 / 92897280),
-    'orthographic': (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880)}
-# Assumed focal lengths, from part of a circle to a circle with a margin: the longest side of the
-# image has that many, the shortest side this many, and one is so many times the next.
-_LEAST_SPAN, _MOST_SPAN, _STEP = 1.3, 5.2, 1.15
-_LISTS, _SPOTS, _NEIGHBOURS = 2, 60, 7
+# length: 2 tan(theta / 2), theta, 2 sin(theta / 2) and sin(theta). From part of a circle to a
+# circle with a margin.
+FISHEYES = Lenses(
+    EQUIDISTANT,
+    ((1 / 12, 1 / 120, 17 / 20160, 31 / 362880), (0.0, 0.0, 0.0, 0.0),
+     (-1 / 24, 1 / 1920, -1 / 322560, 1 / 92897280),
+     (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880)),
+    1.3, 5.2, np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001]))
+# Of 28 to some 100 deg and cropped, so that the axis may be anywhere. Narrower ones are found
+# without their distortion.
+RECTILINEAR = Lenses(PLUMB_BOB, ((0.0, 0.0, 0.0, 0.0),), 0.5, 1.7,
+                     np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.25, 0.25, 0.25, 0.1]))
+_STEP = 1.15  # from one focal length to the next
+_LISTS, _SPOTS, _NEIGHBOURS = 3, 60, 7
 _TOLERANCE, _RATIO = 0.012, 1.15  # of codes; of the focal length that a quad shows
 _MOST_CANDIDATES = 20_000
-# Prior standard deviations of attitude, focal length, pixel ratio, principal point, k1 to k4.
-_FREE = np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001])
 _CERTAIN, _BEST = 1e-9, 3
 _MAGNITUDE_LIMIT = 5.5
 _STARS_PER_SPOT, _FEWEST_STARS = 2.0, 300
@@ -57,8 +78,8 @@ _SKY = 2000  # directions by which the share of the sky in an image is measured
 _BELOW_HORIZON = -0.1
 
 
-class FisheyeIdentifier:
-    """Identifies images of unknown fisheyes at one epoch."""
+class UnknownLensIdentifier:
+    """Identifies images of unknown wide lenses at one epoch."""
 
     def __init__(self, epoch_year: float, wide_quads: Callable[[], tuple[StarCatalog, SkyQuads]]
                  ) -> None:
@@ -72,13 +93,14 @@ class FisheyeIdentifier:
         camera = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
         return cached_brightest(load_catalog(), camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
 
-    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int]
-                          ) -> Iterator[Attempt]:
-        """Yield the results in the first of the lists, which are flipped from left to right."""
-        yield from self.identify(islice(lists, 1), shape)
+    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int],
+                          lenses: Lenses) -> Iterator[Attempt]:
+        """Yield the results in the last of the lists, which are flipped from left to right."""
+        yield from self.identify([*islice(lists, _LISTS)][-1:], shape, lenses)
 
-    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int]) -> Iterator[Attempt]:
-        """Yield each identification of an image of shape (H, W) px."""
+    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int], lenses: Lenses
+                 ) -> Iterator[Attempt]:
+        """Yield each identification of an image of shape (H, W) px by lenses of a kind."""
         catalog, sky = self._wide_quads()
         if self._onboard.stored is not None:
             prepare(sky.stored, self._onboard.stored)
@@ -86,13 +108,12 @@ class FisheyeIdentifier:
         for centroids in islice(lists, _LISTS):
             quads, uv = neighbours(centroids.uv[:_SPOTS]), centroids.uv[:_SPOTS].copy()
             found = []
-            for focal_px, radial in product(_focal_lengths(shape), _PROJECTIONS.values()):
-                lens = _assumed(shape, focal_px, radial)
+            for lens in _assumed(shape, lenses):
                 spot, star, ratio, bright = self._candidates(catalog, sky, lens, uv, quads)
                 tested += len(spot)
                 if len(spot):
                     found.append(best_grown(
-                        lens, _FREE, self._onboard.direction[:bright], uv,
+                        lens, lenses.free, self._onboard.direction[:bright], uv,
                         centroids.sigma_px[:_SPOTS].copy(), spot, star, ratio))
             # The first one may have grown into a part of the image only.
             for chance, lens, _, matched in sorted(found, key=itemgetter(0))[:_BEST]:
@@ -108,7 +129,7 @@ class FisheyeIdentifier:
 
         The last one is the number of catalogue stars, the brightest ones, that the image may show.
         """
-        direction = rays(True, undistorted(lens, uv))
+        direction = rays(lens.equidistant, undistorted(lens, uv))
         spot, row, ratio = matching_neighbours(
             sky.table, direction, quads, _TOLERANCE, 1 / _RATIO, _RATIO, _MOST_CANDIDATES)
         bright = min(max(int(_STARS_PER_SPOT * len(uv) / _share_of_sky(lens)), _FEWEST_STARS),
@@ -122,8 +143,9 @@ class FisheyeIdentifier:
         """Return the result of a grown lens, None for one that no camera has."""
         row = np.flatnonzero(matched >= 0)
         try:
+            model = EQUIDISTANT if lens.equidistant else PLUMB_BOB
             camera = Camera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy,
-                            coefficients_of(EQUIDISTANT, lens.terms), EQUIDISTANT)
+                            coefficients_of(model, lens.terms), model)
             sensor = camera.unproject(centroids.uv[row])
             # The errors of stars at the edge of the image circle lead out of it.
             inside = np.isfinite(sensor).all(axis=1)
@@ -152,21 +174,17 @@ def neighbours(uv: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(quads, axis=1), axis=0)
 
 
-def _focal_lengths(shape: tuple[int, int]) -> list[float]:
-    """Return the focal lengths in px that are assumed of an image of shape (H, W)."""
-    longest, shortest = max(shape) / _LEAST_SPAN, min(shape) / _MOST_SPAN
-    steps = int(np.ceil(np.log(longest / shortest) / np.log(_STEP)))
-    return np.geomspace(longest, shortest, steps + 1).tolist()
-
-
-def _assumed(shape: tuple[int, int], focal_px: float,
-             radial: tuple[float, float, float, float]) -> Lens:
-    """Return a fisheye with its axis in the middle of an image of shape (H, W)."""
+def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[Lens]:
+    """Yield the lenses that are assumed, with the axis in the middle of an image (H, W) px."""
     height, width = shape
-    k1, k2, k3, k4 = radial
-    terms = (k1, k2, 0.0, 0.0, k3, k4, 0.0, 0.0, 0.0)
-    return Lens(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, terms,
-                any(radial), True, farthest_angle(True, terms))
+    equidistant = MODELS[lenses.model].equidistant
+    longest, shortest = max(shape) / lenses.least_span, min(shape) / lenses.most_span
+    steps = int(np.ceil(np.log(longest / shortest) / np.log(_STEP)))
+    for focal_px in np.geomspace(longest, shortest, steps + 1).tolist():
+        for k1, k2, k3, k4 in lenses.radial:
+            terms = (k1, k2, 0.0, 0.0, k3, k4, 0.0, 0.0, 0.0)
+            yield Lens(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2,
+                       terms, k1 != 0, equidistant, farthest_angle(equidistant, terms))
 
 
 def _share_of_sky(lens: Lens) -> float:
