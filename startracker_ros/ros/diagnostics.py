@@ -121,11 +121,19 @@ class Diagnostics:
                 logger.info(line)
 
     def report_event(self, message: str, *, expected: bool = False) -> None:
-        """Warn once, in the next publication; the condition does not change; expected as above."""
+        """
+        Warn once, in the next publication; the condition does not change; expected as above.
+
+        Of too many events the first of those is left out that differ in their numbers alone.
+        """
         if self._held:
             return
         if message not in self._events:
-            self._events = [*self._events, message][-_MAX_EVENTS:]
+            self._events.append(message)
+            if len(self._events) > _MAX_EVENTS:
+                kinds = [_NUMBER.sub('#', event) for event in self._events]
+                del self._events[next((i for i, kind in enumerate(kinds)
+                                       if kinds.count(kind) > 1), 0)]
         if message != self._logged_event:
             self._logged_event = message
             if expected:

@@ -3,7 +3,7 @@
 
 """A bag replayed into fresh nodes: every frame is answered, in the namespace of the nodes."""
 
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 import pytest
@@ -39,6 +39,12 @@ def stamps_ns(messages):
     return {ns_from_stamp(message.header.stamp) for message in messages}
 
 
+def gaps(frames_ns, solved):
+    """Return how many times frames without an attitude follow one with it, or the start."""
+    has = [False, *(stamp_ns in solved for stamp_ns in sorted(frames_ns))]
+    return 1 - has[1] + sum(one and not other for one, other in pairwise(has))
+
+
 @pytest.mark.parametrize(('name', 'composed'), [
     pytest.param(name, composed, id=f'{name}-{"composed" if composed else "processes"}',
                  marks=() if (name, composed) in SOME else pytest.mark.long)
@@ -64,6 +70,8 @@ def test_every_frame_is_answered(nodes, probe, name, composed):
     assert not any(is_wrong(attitude.quaternion, attitude.covariance_sensor,
                             quaternion_from_message(truth[stamp_ns]))
                    for stamp_ns, attitude in solved.items())
+    before = recorded(bag, '/attitude').keys()
+    assert max(before) in solved
     if composed:
-        # In one process no frame passes before the identification of an earlier one is done.
-        assert len(solved.keys() ^ recorded(bag, '/attitude').keys()) <= 10
+        # On a busy machine an acquisition takes more frames, but no other loss follows.
+        assert gaps(frames_ns, solved) <= gaps(frames_ns, before)

@@ -32,8 +32,8 @@ _REFERENCE_PX = 1024
 _RING_PX, _RING, _RING_HIGHEST, _RING_SHARE = 3.0, 16, 12, 0.5
 _TURN = 2 * np.pi * np.arange(_RING)[:, None] / _RING
 _RING_DIRECTIONS = np.hstack([np.cos(_TURN), np.sin(_TURN)])
-# In the sky less than this share of a square about a spot, the longest side of the image over so
-# many, is above the threshold.
+# Of the sky at most this share of a square about a spot, the longest side of the image over so
+# many, is above the threshold, or more in a crowded image.
 _CALM_SHARE, _CALM_SIDES = 0.05, 24
 _SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
 _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
@@ -66,7 +66,8 @@ def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE, calm: bool = F
     np.maximum.at(peak, spot, flux)
     chosen = chosen[_isolated(smooth, level, centre[chosen], side[chosen], peak[chosen])]
     if calm:
-        chosen = chosen[_surroundings(above, centre[chosen]) < _CALM_SHARE]
+        busy = _surroundings(above, centre[chosen], np.bincount(spot, minlength=count)[chosen])
+        chosen = chosen[busy <= np.sort(busy)[:MAX_STARS].max(initial=_CALM_SHARE)]
     chosen = chosen[np.argsort(-total[chosen], kind='stable')]
     # Letters and lit windows are bright and close together.
     chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS, cell_share)]
@@ -105,11 +106,16 @@ def _isolated(smooth: np.ndarray, level: np.ndarray, centre: np.ndarray, side: n
     return level[v, u] + height - around > _RING_SHARE * height
 
 
-def _surroundings(above: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Return the share (N,) of the pixels about centres (N, 2) that are above (H, W)."""
+def _surroundings(above: np.ndarray, centre: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """
+    Return the share (N,) of the pixels about spots that are above the threshold.
+
+    above (H, W) is whether a pixel is; centre (N, 2) are those of the spots, own (N,) how many
+    pixels each has itself.
+    """
     side = max(above.shape) // _CALM_SIDES
     u, v = np.rint(centre).astype(int).T
-    return cv2.blur(above.astype(np.float32), (side, side))[v, u]
+    return cv2.blur(above.astype(np.float32), (side, side))[v, u] - own / side ** 2
 
 
 def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

@@ -64,4 +64,6 @@ def test_spots_in_calm_surroundings_are_the_stars_beside_a_lit_tree():
     assert np.count_nonzero(find_spots(image).uv[:, 0] < 480) < len(stars) / 2
     calm = find_spots(image, calm=True)
     apart = np.linalg.norm(calm.uv[:, None] - stars, axis=2)
-    assert (apart.min(axis=0) < 4).all() and (apart.min(axis=1) < 4).mean() > 0.8
+    # The rest of the list is for the calmest leaves.
+    assert (apart.min(axis=0) < 4).all()
+    assert np.count_nonzero(apart.min(axis=1) > 4) <= MAX_STARS - len(stars)
