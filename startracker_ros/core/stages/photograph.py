@@ -35,7 +35,6 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 # Of the nominal camera, and of any field; unknown lenses are certain. With a catalogue of the
 # user, of its narrow fields near a position, and anywhere.
 _SEARCHES, _TILED_SEARCHES = 2, 2
-_CROPPED_DEG, _FISHEYE_DEG = 60.0, 180.0
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. Where the field is given it is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
@@ -48,7 +47,7 @@ class _Search(NamedTuple):
 
     any_field is whether that is of other fields than of the camera; coarse says why its pixels
     resolve no stars, empty if they do. A lens of up to enough_deg that an earlier search finds
-    needs no such search.
+    needs no such search where no field is given.
     """
 
     camera: Camera
@@ -113,14 +112,11 @@ class PhotographSolver:
 
         The lists are tried in turn; remark is what else may be the reason for no solution.
         """
-        centred_deg, widest_deg = (
-            (_CENTRED_DEG, _WIDEST_DEG) if nominal is None else (_WIDEST_GIVEN_DEG,) * 2)
         searches = [
             _any_field(self._blind, shape, nominal),
-            _unknown_lens(self._unknown, shape, RECTILINEAR, _CROPPED_DEG,
-                          '28 to 100 deg off centre', centred_deg),
-            _unknown_lens(self._unknown, shape, FISHEYES, _FISHEYE_DEG, 'fisheyes up to 190 deg',
-                          widest_deg)]
+            _unknown_lens(self._unknown, shape, RECTILINEAR,
+                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
+            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
         if nominal is not None:
             searches.insert(0, self._known(nominal))
         narrow, lack = self._narrow(nominal, shape, place)
@@ -131,7 +127,8 @@ class PhotographSolver:
         rejected = ''
         best: Solution | None = None
         for search in searches:
-            if best is not None and best.fov_deg <= search.enough_deg:
+            enough_deg = search.enough_deg if nominal is None else _WIDEST_GIVEN_DEG
+            if best is not None and best.fov_deg <= enough_deg:
                 continue
             solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
@@ -223,11 +220,10 @@ def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fie
 
 
 def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], lenses: Lenses,
-                  fov_deg: float, fields: str, enough_deg: float) -> _Search:
-    """Return the search of an image of shape (H, W) by lenses of a kind, of about fov_deg."""
-    height, width = shape
+                  fields: str, enough_deg: float) -> _Search:
+    """Return the search of an image of shape (H, W) by lenses of a kind."""
     return _Search(
-        Camera.from_fov(width, height, fov_deg, lenses.model),
+        _likely(shape),
         partial(identifier.identify, shape=shape, lenses=lenses),
         partial(identifier.identify_mirrored, shape=shape, lenses=lenses),
         blind.LENS_ERROR, 1, fields, enough_deg)
