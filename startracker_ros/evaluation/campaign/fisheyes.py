@@ -19,24 +19,25 @@ from functools import partial
 import time
 
 import numpy as np
-from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
+from startracker_ros.core.maths.rotation import (
+    conjugate, matrix_from_quaternion, random_attitude, rotate)
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.evaluation.campaign.lenses import draw_stars, EPOCH_YEAR, unfolded
 from startracker_ros.evaluation.campaign.parallel import joined, parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
 
-EPOCH_YEAR = 2026.5
 SHAPES = (1000, 1000), (960, 1280), (1080, 1920)
 FOV_DEG, RADIUS, CENTRE, TILT_DEG = (100.0, 190.0), (0.85, 1.4), 0.1, 75.0
 MAGNITUDE, NOISE_PX, FALSE, LAMPS = (4.0, 5.0), (0.3, 1.0), 30, 9
 _EXTINCTION, _SCATTER, _MISSING, _GLARE_DEG = 0.2, 0.3, 0.05, 10.0
 CROPPED_DEG, CROPPED_K1, CROPPED, CROPPED_STARS = (60.0, 100.0), (-0.2, 0.1), (0.5, 0.8), (25, 60)
-_CROPPED_OF, _CROPPED_FALSE = (1500, 2000), 12
+_CROPPED_OF, _CROPPED_FALSE = (2000, 1500), 12
 _CORRECT_PX = 3.0  # median error of the stars in the fitted lens
 _TIME_S = 5.0
 _PART_TRIALS = 25
@@ -136,31 +137,19 @@ def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
 
 def draw_cropped(rng: np.random.Generator) -> FisheyeNight:
     """Return what a part of an image of a random rectilinear lens sees of a random sky."""
-    height, width = _CROPPED_OF
-    while True:
-        focal_px = width / 2 / np.tan(np.radians(rng.uniform(*CROPPED_DEG)) / 2)
-        try:
-            camera = Camera(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2,
-                            (rng.uniform(*CROPPED_K1), 0.0, 0.0, 0.0, 0.0))
-        except CameraError:
-            continue
-        break
-    shape = (rng.uniform(*CROPPED, 2) * _CROPPED_OF).astype(int)
-    corner, size = (rng.uniform(size=2) * (_CROPPED_OF - shape))[::-1], shape[::-1] - 1
-    icrf = load_catalog().directions(EPOCH_YEAR)
-    sensor = icrf @ matrix_from_quaternion(random_attitude(rng))
-    # Beyond the corners of its image a distortion folds back.
-    ahead = np.flatnonzero(sensor[:, 2] > np.cos(camera.corner_angle_rad))
-    uv = camera.project(sensor[ahead]) - corner
-    seen = ((uv > 0) & (uv < size)).all(1) & (rng.uniform(size=len(uv)) > _MISSING)
-    star = ahead[seen][:rng.integers(*CROPPED_STARS)]
-    own, noise_px = uv[seen][:len(star)], rng.uniform(*NOISE_PX)
-    flux = 10 ** (-0.4 * (load_catalog().magnitude[star] + rng.normal(0, _SCATTER, len(star))))
-    return FisheyeNight(
-        (int(shape[0]), int(shape[1])),
-        spots(np.vstack([own + rng.normal(0, noise_px, own.shape),
-                         rng.uniform(0, size, (_CROPPED_FALSE, 2))]),
-              np.append(flux, rng.choice(flux, _CROPPED_FALSE)), noise_px), icrf[star], own)
+    def draw() -> Camera:
+        whole = np.array(_CROPPED_OF)
+        focal_px = whole[0] / 2 / np.tan(np.radians(rng.uniform(*CROPPED_DEG)) / 2)
+        width, height = size = (rng.uniform(*CROPPED, 2) * whole).astype(int)
+        cx, cy = (whole - 1) / 2 - rng.uniform(size=2) * (whole - size)
+        return Camera(int(width), int(height), focal_px, focal_px, cx, cy,
+                      (rng.uniform(*CROPPED_K1), 0.0, 0.0, 0.0, 0.0))
+    camera = unfolded(draw)
+    q, onboard, centroids, hip = draw_stars(
+        rng, camera, rng.uniform(*CROPPED_STARS), NOISE_PX, missing=_MISSING, false=_CROPPED_FALSE)
+    direction = onboard.direction[onboard.index_of(hip[hip > 0])]
+    return FisheyeNight((camera.height, camera.width), centroids, direction,
+                        camera.project(rotate(conjugate(q), direction)))
 
 
 SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
@@ -291,8 +280,8 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                 f'short side, up to {TILT_DEG:g} deg from the zenith',
         'cropped': f'{CROPPED[0]:.0%} to {CROPPED[1]:.0%} of each side of an image of '
                    f'{CROPPED_DEG[0]:g} to {CROPPED_DEG[1]:g} deg, k1 {CROPPED_K1[0]:g} to '
-                   f'{CROPPED_K1[1]:g}, {CROPPED_STARS[0]} to {CROPPED_STARS[1]} stars, '
-                   f'{_CROPPED_FALSE} false',
+                   f'{CROPPED_K1[1]:g}, {CROPPED_STARS[0]} to {CROPPED_STARS[1]} stars on '
+                   f'average, {_CROPPED_FALSE} false',
         'spots': f'stars to V {MAGNITUDE[0]:g} to {MAGNITUDE[1]:g}, noise {NOISE_PX[0]:g} to '
                  f'{NOISE_PX[1]:g} px, {FALSE} false: the Moon, up to {LAMPS} lamps, the rest '
                  'anywhere',

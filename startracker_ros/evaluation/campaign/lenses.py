@@ -9,13 +9,14 @@ pixel ratio off, noise of 0.1 to 1 px, a tenth of the stars missing and five fal
 is given the field of view to 5 % and nothing else.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
@@ -57,30 +58,45 @@ class LensOutcome:
 
 
 def draw_lens_field(rng: np.random.Generator) -> LensField:
-    """Return a field of a random lens, one that does not fold its image."""
-    while True:
+    """Return a field of a random lens."""
+    def draw() -> Camera:
         fov_deg = rng.uniform(*FOV_DEG)
         focal = WIDTH / 2 / np.tan(np.radians(fov_deg) / 2)
         shift = rng.uniform(-CENTRE, CENTRE, 2) * WIDTH
-        try:
-            camera = Camera(WIDTH, HEIGHT, focal, focal * rng.uniform(*RATIO),
-                            (WIDTH - 1) / 2 + shift[0], (HEIGHT - 1) / 2 + shift[1],
-                            (rng.uniform(*K1), 0.0, 0.0, 0.0, 0.0))
-        except CameraError:
-            continue
-        break
-    q = random_attitude(rng)
-    share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-    catalog = load_catalog()
-    limit = catalog.magnitude[min(int(_STARS / share), len(catalog) - 1)]
-    centroids, _ = star_list(
-        onboard_catalog(catalog, camera, EPOCH_YEAR, float(limit)), camera, q,
-        rng.uniform(*NOISE_PX), rng, missing=MISSING, false=FALSE,
-        brightest_false=float(limit) - 3)
+        return Camera(WIDTH, HEIGHT, focal, focal * rng.uniform(*RATIO),
+                      (WIDTH - 1) / 2 + shift[0], (HEIGHT - 1) / 2 + shift[1],
+                      (rng.uniform(*K1), 0.0, 0.0, 0.0, 0.0))
+    camera = unfolded(draw)
+    q, _, centroids, _ = draw_stars(rng, camera, _STARS, NOISE_PX, missing=MISSING, false=FALSE)
     given = Camera.from_fov(
         WIDTH, HEIGHT, np.degrees(camera.seen_x_rad) * (1 + rng.uniform(-1, 1) * FOV_ERROR))
     middle = camera.unproject(np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]))
     return LensField(camera, given, centroids, rotate(q, middle))
+
+
+def unfolded(draw: Callable[[], Camera]) -> Camera:
+    """Return the first drawn camera that does not fold its image."""
+    while True:
+        with suppress(CameraError):
+            return draw()
+
+
+def draw_stars(rng: np.random.Generator, camera: Camera, stars: float,
+               noise_px: tuple[float, float], *, missing: float, false: int
+               ) -> tuple[np.ndarray, OnboardCatalog, Centroids, np.ndarray]:
+    """
+    Return a random attitude (4,), a catalogue, and the centroids of a camera with their hip (N,).
+
+    stars is how many the camera sees on average, noise_px the range of their errors.
+    """
+    q = random_attitude(rng)
+    share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
+    catalog = load_catalog()
+    limit = float(catalog.magnitude[min(int(stars / share), len(catalog) - 1)])
+    onboard = onboard_catalog(catalog, camera, EPOCH_YEAR, limit)
+    return q, onboard, *star_list(
+        onboard, camera, q, rng.uniform(*noise_px), rng, missing=missing, false=false,
+        brightest_false=limit - 3)
 
 
 def solve_lens_fields(trials: int, seed: int) -> LensOutcome:
