@@ -73,5 +73,8 @@ def test_every_frame_is_answered(nodes, probe, name, composed):
     before = recorded(bag, '/attitude').keys()
     assert max(before) in solved
     if composed:
-        # On a busy machine an acquisition takes more frames, but no other loss follows.
+        # Images wait while the nodes are set up: on a busy machine more of them pass before the
+        # first identification. Later no frame passes before that of an earlier one is done.
         assert gaps(frames_ns, solved) <= gaps(frames_ns, before)
+        assert len([stamp_ns for stamp_ns in solved.keys() ^ before
+                    if stamp_ns > min(solved)]) <= 10

@@ -42,9 +42,10 @@ def test_segment_holds_images(profile, enough):
     done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
                           capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
-    # Of the profile alone: a port that another participant opens at the same moment is an error
-    # in the log as well, and Fast DDS takes the next one.
-    assert 'XMLPARSER' not in done.stdout + done.stderr
+    # A port that another participant opens at the same moment is an error in the log as well, and
+    # Fast DDS takes the next one.
+    assert not [line for line in (done.stdout + done.stderr).splitlines()
+                if 'Error' in line and 'open_and_lock_file failed' not in line]
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough
 
 
