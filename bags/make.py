@@ -16,7 +16,7 @@ import sys
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.camera.model import Camera
@@ -177,7 +177,8 @@ def make(name: str, folder: Path) -> None:
                     message = gyro_to_imu(rate, 1e-4, header(START_NS + time_ns))
                     recorder.at(START_NS + time_ns)
                     recorder.write('/imu', message)
-                    pipeline.add_rate(START_NS + time_ns, rate_from_imu(message))
+                    pipeline.add_rate(START_NS + time_ns,
+                                      rate_from_imu(deserialize_message(message, Imu)))
             if index in scenario.missing:
                 continue
             frame = (nothing if index in scenario.dark else sky).frame(index * STEP_NS * 1e-9)

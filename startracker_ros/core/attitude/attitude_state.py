@@ -46,18 +46,18 @@ class AttitudeState(NamedTuple):
         return Prediction.of(to_ns, *_propagated_at_constant_rate(
             *self[1:], (to_ns - self.stamp_ns) * 1e-9, acceleration_density, drift_density))
 
-    def propagated_at_gyro_rate(self, to_ns: int, measured: np.ndarray, noise_density: float,
-                                attitude_variance: float, drift_density: float
-                                ) -> 'AttitudeState':
+    def propagated_at_gyro_rates(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray,
+                                 noise_density: np.ndarray, attitude_variance: np.ndarray,
+                                 drift_density: float) -> 'AttitudeState':
         """
-        Return the state at a later time; the rate is measured (3,) rad/s minus the drift.
+        Return the state at a later time; the rates are measured (K, 3) rad/s minus the drift.
 
-        The rate of the state before is not used. noise_density is that of the white noise of
-        the gyro, rad^2/s; attitude_variance rad^2 is added to each axis.
+        They last for dt_s (K,) one after another. The rate of the state before is not used.
+        noise_density (K,) is that of the white noise of the gyro, rad^2/s; attitude_variance (K,)
+        rad^2 is added to each axis.
         """
-        return AttitudeState(to_ns, *_propagated_at_gyro_rate(
-            *self[1:], measured, (to_ns - self.stamp_ns) * 1e-9, noise_density,
-            attitude_variance, drift_density))
+        return AttitudeState(to_ns, *_propagated_at_gyro_rates(
+            *self[1:], dt_s, measured, noise_density, attitude_variance, drift_density))
 
     def with_rate(self, measured: np.ndarray, variance: float) -> 'AttitudeState':
         """Return the state updated by a measured rate (3,) of this variance of each axis."""
@@ -150,26 +150,28 @@ def _propagated_at_constant_rate(
 
 
 @compiled
-def _propagated_at_gyro_rate(
+def _propagated_at_gyro_rates(
         quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-        measured: np.ndarray, dt_s: float, noise_density: float, attitude_variance: float,
-        drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        dt_s: np.ndarray, measured: np.ndarray, noise_density: np.ndarray,
+        attitude_variance: np.ndarray, drift_density: float
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """P <- Phi P Phi^T + Q with rate error = -drift error: Phi[attitude, drift] = -dt I."""
-    rate = measured - drift
-    turn = rate * dt_s
-    transition = _turn_transition(turn)
-    for axis in range(3):
-        transition[axis, 6 + axis] = -dt_s
-        transition[3 + axis, 3 + axis] = 0.0
-        transition[3 + axis, 6 + axis] = -1.0
-    after = transition @ covariance @ transition.T
-    for axis in range(3):
-        after[axis, axis] += noise_density * dt_s + attitude_variance
-        after[axis, 3 + axis] += noise_density
-        after[3 + axis, axis] += noise_density
-        after[3 + axis, 3 + axis] += noise_density / dt_s
-        after[6 + axis, 6 + axis] += drift_density * dt_s
-    return turned(quaternion, turn), rate, drift, after
+    for k in range(len(dt_s)):
+        rate = measured[k] - drift
+        turn = rate * dt_s[k]
+        transition = _turn_transition(turn)
+        for axis in range(3):
+            transition[axis, 6 + axis] = -dt_s[k]
+            transition[3 + axis, 3 + axis] = 0.0
+            transition[3 + axis, 6 + axis] = -1.0
+        quaternion, covariance = turned(quaternion, turn), transition @ covariance @ transition.T
+        for axis in range(3):
+            covariance[axis, axis] += noise_density[k] * dt_s[k] + attitude_variance[k]
+            covariance[axis, 3 + axis] += noise_density[k]
+            covariance[3 + axis, axis] += noise_density[k]
+            covariance[3 + axis, 3 + axis] += noise_density[k] / dt_s[k]
+            covariance[6 + axis, 6 + axis] += drift_density * dt_s[k]
+    return quaternion, rate, drift, covariance
 
 
 @compiled

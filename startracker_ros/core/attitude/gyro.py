@@ -22,6 +22,7 @@ MAX_RATE_RAD_S = np.radians(100.0)
 """Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
 
 SATURATED = 0.999  # of the range
+UNSTEADY = 16.3  # chi-square of three axes that one in 1000 steady turns exceeds
 _MAX_MEASUREMENTS = 100_000
 
 
@@ -121,11 +122,12 @@ class Gyro:
 
     def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
         """Return the state at a later time, propagated by the measured rates alone."""
-        for step in self.steps(state.stamp_ns, to_ns):
-            state = state.propagated_at_gyro_rate(
-                step.until_ns, step.rate_rad_s, step.noise_density, step.variance,
-                self.drift_density)
-        return state
+        steps = list(self.steps(state.stamp_ns, to_ns))
+        if not steps:
+            return state
+        _, dt_s, rates, noise_density, variance = map(np.array, zip(*steps))
+        return state.propagated_at_gyro_rates(
+            to_ns, dt_s, rates, noise_density, variance, self.drift_density)
 
     def steps(self, from_ns: int, to_ns: int) -> Iterator[GyroStep]:
         """Yield the measured rates that propagate an attitude from one time to another."""
@@ -173,6 +175,17 @@ class Gyro:
         dt_s = [(after_ns - at_ns) * 1e-9 for at_ns, after_ns in pairwise(times_ns)]
         return state.filtered(to_ns, np.array(dt_s), np.array(rates).reshape(-1, 3),
                               np.array(variances), acceleration_density, self.drift_density)
+
+    def is_steady(self, state: AttitudeState, to_ns: int) -> bool:
+        """Return whether the rates until a time are those of a body that turns as before."""
+        begin = bisect_right(self._stamps_ns, state.stamp_ns)
+        end = bisect_right(self._stamps_ns, to_ns)
+        if begin == end:
+            return True
+        P, noise = state.covariance[3:], self.noise_density / ((to_ns - state.stamp_ns) * 1e-9)
+        S = P[:3, 3:6] + P[:3, 6:] + P[3:, 3:6] + P[3:, 6:] + noise * np.eye(3)
+        innovation = np.mean(self._rates[begin:end], axis=0) - state.rate - state.drift
+        return bool(innovation @ np.linalg.solve(S, innovation) < UNSTEADY)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""

@@ -25,6 +25,7 @@ from startracker_ros.core.track.acceleration import AngularAcceleration, lacking
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
+from startracker_ros.core.track.gyro_agreement import GyroAgreement
 from startracker_ros.core.track.hidden_jumps import HiddenJumps
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
@@ -41,6 +42,11 @@ MANOEUVRES = (10.0, 100.0, 1000.0)
 of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
 covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
 
+LIKELY = 7.8
+"""Chi-square of three axes that one frame in twenty exceeds, by which a manoeuvre is as large as
+the innovation: the least one within the gate would leave up to NIS_GATE, and a rate that is wrong
+by as much."""
+
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
@@ -56,15 +62,16 @@ _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.
 
 class _Hypothesis(NamedTuple):
     """
-    A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre.
+    A predicted state, by a gyro or not.
 
-    prediction is that of the process noise alone, None of a manoeuvre and of a gyro alone.
+    prediction is that of the process noise alone, None of a manoeuvre and of a gyro alone. The
+    innovation of the frame is to be within a gate.
     """
 
     uses_gyro: bool
-    level: float
     state: AttitudeState
     prediction: Prediction | None = None
+    gate: float = NIS_GATE
 
 
 class AttitudeModel(StarModel):
@@ -93,7 +100,8 @@ class AttitudeModel(StarModel):
             frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
-        self._gyro_agreed = self._diverged = 0
+        self._agreement = GyroAgreement(self._gyro)
+        self._diverged = 0
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
@@ -128,13 +136,13 @@ class AttitudeModel(StarModel):
             # The stars show the pointing up to the error that they share.
             if common is not _NO_ERROR:
                 correction = correction._replace(state=_with_error(measured, common))
-            if (not self._is_consistent(correction)
+            if (not self._is_consistent(correction, hypothesis.gate)
                     or repeated and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
                 if sparse:
                     break
                 continue
-            before_ns = self._state.stamp_ns
+            before_ns, was_used = self._state.stamp_ns, self.uses_gyro
             self._exposure_s, self._streaked = frame.exposure_s, frame.are_streaks
             mixture = self._measure(hypothesis, predicted, measured, common,
                                     None if nominal is None else nominal[0].state)
@@ -155,8 +163,7 @@ class AttitudeModel(StarModel):
                 self._scale.restart()
             self._diverged = 0
             self._check_covariance()
-            if not self.uses_gyro:
-                self._compare_gyro(before_ns, hypothesis.level)
+            self._compare_gyro(before_ns, was_used)
             return FrameUpdate(True, fit, correction.unassociated, residuals)
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
@@ -201,19 +208,20 @@ class AttitudeModel(StarModel):
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
             sparse or not self._is_saturated(stamp_ns))
-        if with_gyro and sparse:
-            # In a sparse frame no assumption about the acceleration holds.
-            yield _Hypothesis(True, 1.0, gyro.propagate(state, stamp_ns))
+        if not with_gyro:
+            nominal = self._propagated(state, stamp_ns, density)
+            yield _Hypothesis(False, nominal.state, nominal)
         else:
-            nominal = (gyro.filtered(state, stamp_ns, density) if with_gyro
-                       else self._propagated(state, stamp_ns, density))
-            yield _Hypothesis(with_gyro, 1.0, nominal.state, nominal)
-        if with_gyro:
-            yield _Hypothesis(True, MANOEUVRES[0],
-                              gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
+            # In a sparse frame no assumption about the acceleration holds.
+            if not sparse and gyro.is_steady(state, stamp_ns):
+                nominal = gyro.filtered(state, stamp_ns, density)
+                yield _Hypothesis(True, nominal.state, nominal)
+            yield _Hypothesis(True, gyro.propagate(state, stamp_ns))
         for factor in MANOEUVRES:
-            yield _Hypothesis(False, factor, self._propagated(
-                state.inflated(factor), stamp_ns, factor ** 2 * density).state)
+            yield _Hypothesis(
+                False,
+                self._propagated(state.inflated(factor), stamp_ns, factor ** 2 * density).state,
+                gate=NIS_GATE if factor == MANOEUVRES[-1] else LIKELY)
 
     def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
                     ) -> Prediction:
@@ -239,10 +247,10 @@ class AttitudeModel(StarModel):
         return bool(left @ information @ left < NIS_GATE
                     and moved @ information @ moved > 4 * NIS_GATE)
 
-    def _is_consistent(self, correction: Correction) -> bool:
+    def _is_consistent(self, correction: Correction, gate: float) -> bool:
         """Return whether the fit of the inliers is good and its innovation within the gate."""
         return (correction.agreed
-                and bool(correction.innovation @ correction.innovation <= NIS_GATE)
+                and bool(correction.innovation @ correction.innovation <= gate)
                 and is_good(int(np.count_nonzero(correction.inlier)), correction.stars,
                             correction.residual_px, self._options.min_stars,
                             self._options.max_residual_px))
@@ -277,7 +285,6 @@ class AttitudeModel(StarModel):
     def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Set the state; where the use of the gyro ends its drift becomes unknown."""
         if self.uses_gyro and not uses_gyro:
-            self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
             self._process_noise.interrupt()
         self._state, self.uses_gyro = state, uses_gyro
@@ -327,6 +334,8 @@ class AttitudeModel(StarModel):
         for error, chance in ((self._moved, probability), (turn, probability),
                               (hidden.unexpected - self._moved, hidden.probability)):
             covariance += lacking(covariance, error, chance)
+        for axis in range(3):
+            covariance[axis, axis] = max(covariance[axis, axis], self._mixture.least[axis] ** 2)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=covariance)
 
@@ -347,12 +356,11 @@ class AttitudeModel(StarModel):
             return self._jumps.interrupt()
         self._measured = AttitudeEstimate(
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
-        if contradicted is None:
-            if hypothesis.uses_gyro:
-                # The gyro corrects the rate before the next frame.
-                self._jumps.interrupt()
+        # A gyro corrects the rate before the next frame, and what it measures alone is no jump.
+        mixture = self._jumps.interrupt() if hypothesis.uses_gyro else NO_JUMP
+        if hypothesis.prediction is not None:
             mixture = self._jumps.add(self._state.stamp_ns, predicted, turn, covariance)
-        else:
+        elif contradicted is not None and not hypothesis.uses_gyro:
             turn = rotation_between(contradicted.quaternion, self._measured.quaternion)
             mixture = self._jumps.found(counts=self._acceleration.is_known)
         is_steady = self._acceleration.estimate.way == STEADY
@@ -385,36 +393,38 @@ class AttitudeModel(StarModel):
         return (self._state.covariance[:3, 3:6] + self._mixture.covariance[:3, 3:]
                 + self._process_noise.excess[:3, 3:])
 
-    def _compare_gyro(self, before_ns: int, level: float) -> None:
+    def _compare_gyro(self, before_ns: int, was_used: bool) -> None:
         """
         Use the gyro once it has agreed with the stars for confirm_frames; report if it does not.
 
         A wrong unit, axis or sign gives rates that would lose the stars.
         """
-        state, gyro = self._state, self._gyro
+        state, gyro, measured = self._state, self._gyro, self._measured
         if self._is_saturated(state.stamp_ns):
-            self._gyro_agreed = 0
+            self._agreement.interrupt()
             self.gyro_trouble = AT_ITS_RANGE
             return
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
-            self._gyro_agreed, self.gyro_trouble = 0, ''
+            self._agreement.interrupt()
+            self.gyro_trouble = ''
             return
-        measured, variance = gyro.mean_rate(before_ns, state.stamp_ns)
-        manoeuvre = level * self._acceleration_rad_s2 * (state.stamp_ns - before_ns) * 1e-9
-        innovation = measured - self.rate_rad_s
-        covariance = self.rate_covariance + np.eye(3) * (
-            variance + manoeuvre ** 2 + gyro.drift_sigma_rad_s ** 2)
-        if innovation @ np.linalg.solve(covariance, innovation) > NIS_GATE:
-            self._gyro_agreed = 0
-            self.gyro_trouble = (
-                f'imu reports {_deg_s(measured)} deg/s about x, y, z, the stars '
-                f'{_deg_s(self.rate_rad_s)}: is it in rad/s, on the axes of the sensor, and '
-                'gyro_drift_deg_h right?')
+        if measured is None:
             return
-        self._gyro_agreed += 1
-        if self._gyro_agreed < self._options.confirm_frames:
+        if was_used and not self.uses_gyro:
+            self._agreement.contradict()
+        elif self._agreement.add(
+                state.stamp_ns, measured.quaternion,
+                super().with_systematic_errors(measured, 0.0).covariance_sensor,
+                state.drift, state.covariance[6:, 6:]):
+            self._set_state(state, False)
+        else:
+            if not self.uses_gyro and self._agreement.is_enough(self._options.confirm_frames):
+                self.uses_gyro, self.gyro_trouble = True, ''
             return
-        self.uses_gyro, self.gyro_trouble = True, ''
+        self.gyro_trouble = (
+            f'imu reports {_deg_s(gyro.mean_rate(before_ns, state.stamp_ns)[0])} deg/s about x, '
+            f'y, z, the stars {_deg_s(self.rate_rad_s)}: is it in rad/s, on the axes of the '
+            'sensor, and gyro_drift_deg_h right?')
 
 
 class _ErrorScale:

@@ -29,6 +29,8 @@ SIGNIFICANT = 36.0  # improvement of chi-square: 6 sigma
 EXPLAINED = 0.5  # of chi-square, that the pattern explains,
 LEAST_STEP_PX = 0.1  # if it is so large over the image
 SLOPE_SIGNIFICANT, SLOPE_EXPLAINED = 20.0, 0.2  # of all frames together
+SLOPE_DOUBTFUL = 9.0  # in the first frames, which tell little: one start in 370 waits
+FIRST_FRAMES = 5
 LEAST_SLOPE_PX = 0.05
 MEMORY = 0.98  # of the slopes of the frames before
 REACH_PX = 80.0  # of an image of a missed star
@@ -62,6 +64,7 @@ class RowPattern:
         self._axis_px = np.array([camera.cx, camera.cy])
         # Product and energy of the line, and the excess of chi-square.
         self._slope: tuple[float, ...] = 0.0, 0.0, 0.0
+        self._frames = 0
 
     def find(self, stars: Residuals) -> str:
         """Return which pattern the residuals have, in words; empty for none."""
@@ -83,7 +86,9 @@ class RowPattern:
             return (f'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: '
                     'a torn frame')
         line_s = product / energy / height
-        if (product ** 2 / energy > SLOPE_SIGNIFICANT
+        self._frames += 1
+        significant = SLOPE_DOUBTFUL if self._frames <= FIRST_FRAMES else SLOPE_SIGNIFICANT
+        if (product ** 2 / energy > significant
                 and abs(line_s) * height * speed_px_s > LEAST_SLOPE_PX
                 and product ** 2 / energy > SLOPE_EXPLAINED * excess):
             return (f'the residuals grow along the rows: line_time_us is off by '

@@ -16,8 +16,12 @@ covariance V = C^-1. The jump is exp(y^T V y / 2) sqrt(det V / det J) times as p
 share of frames with a jump, which is learnt.
 
 What is published has the mean and the covariance of the mixture of no jump and one in any of the
-last frames. The filter itself is changed only once a jump is more probable than none: the small
-errors of improbable jumps, added in each frame, would be process noise.
+last frames. A normal distribution of these moments has no such tails as the mixture. With a jump
+that has the probability p the attitude is off by N(m, s^2) about an axis, where s^2 is F V F^T and
+the covariance without a jump; its sigma is at least (|m| + c s) / 5 with p exp(-c^2 / 2) / 2 =
+MISSED (a bound of the normal integral). The filter itself is changed only once a jump is more
+probable than none: the small errors of improbable jumps, added in each frame, would be process
+noise.
 """
 
 import math
@@ -25,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
 from startracker_ros.core.maths.small_algebra import determinant, inverse
@@ -43,19 +48,24 @@ FIRST_JUMPS, FIRST_FRAMES = 0.5, 100.0
 CERTAIN = 0.5  # probability of a jump that the filter follows
 MOST_EXPONENT = 50.0  # of a likelihood ratio
 
+MISSED = 4e-5
+"""Probability that the attitude is beyond WRONG_SIGMAS by a jump, which is left to chance."""
+
 
 class Mixture(NamedTuple):
     """
     Errors of the filter by jumps of the rate.
 
     probability is that of a jump in the last frames, newest that of one since the frame before;
-    mean (6,) and covariance (6, 6) are those of the errors of attitude and rate.
+    mean (6,) and covariance (6, 6) are those of the errors of attitude and rate; least (3,) rad
+    are the standard deviations of the attitude with which no jump makes it wrong.
     """
 
     probability: float
     newest: float
     mean: np.ndarray
     covariance: np.ndarray
+    least: np.ndarray
 
     @property
     def is_certain(self) -> bool:
@@ -63,7 +73,7 @@ class Mixture(NamedTuple):
         return self.probability > CERTAIN
 
 
-NO_JUMP = Mixture(0.0, 0.0, np.zeros(6), np.zeros((6, 6)))
+NO_JUMP = Mixture(0.0, 0.0, np.zeros(6), np.zeros((6, 6)), np.zeros(3))
 
 
 class Memory(NamedTuple):
@@ -135,7 +145,7 @@ class RateJumps:
 @compiled
 def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.ndarray,
               P: np.ndarray, turn: np.ndarray, covariance: np.ndarray
-              ) -> tuple[float, float, np.ndarray, np.ndarray]:
+              ) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the Mixture of RateJumps.add(), length frames after the last interruption."""
     effect, information, vector, prior = memory
     S_inverse = inverse(P[:3, :3] + covariance)
@@ -178,5 +188,17 @@ def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.n
                     second[3 * k + i, row] += moment * effect[row, 3 * k + j]
     total = 1 + ratios.sum()
     mean = effect @ first / total
+    without = P[:3, :3] - np.ascontiguousarray(P[:3, :3]) @ S_inverse @ P[:3, :3]
+    least = np.zeros(3)
+    for k in range(count):
+        if ratios[k] <= 2 * MISSED * total:
+            continue
+        normal = math.sqrt(2 * math.log(ratios[k] / total / (2 * MISSED)))
+        F, V = np.ascontiguousarray(effect[:3, 3 * k:3 * k + 3]), inverse(information[k])
+        error = F @ first[3 * k:3 * k + 3] / ratios[k] - mean[:3]
+        covariance_k = F @ V @ F.T + without
+        for axis in range(3):
+            least[axis] = max(least[axis], (
+                abs(error[axis]) + normal * math.sqrt(covariance_k[axis, axis])) / WRONG_SIGMAS)
     return (1 - 1 / total, ratios[newest] / total, mean,
-            effect @ second / total - np.outer(mean, mean))
+            effect @ second / total - np.outer(mean, mean), least)
