@@ -64,15 +64,17 @@ class AttitudeState(NamedTuple):
         return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance)[:4])
 
     def filtered(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
-                 acceleration_density: np.ndarray, drift_density: float) -> 'Prediction':
+                 acceleration: np.ndarray, acceleration_density: np.ndarray, drift_density: float
+                 ) -> 'Prediction':
         """
-        Predict the state at a later time, propagated at constant rate and updated by each rate.
+        Predict the state at a later time, at an acceleration (3,) rad/s^2, updated by each rate.
 
         Rates measured (K, 3) of variance (K,) of each axis, dt_s (K + 1,) after one another and
         up to the end; densities as in predicted_at_constant_rate().
         """
         return Prediction.of(to_ns, *_filtered(
-            *self[1:], dt_s, measured, variance, acceleration_density, drift_density))
+            *self[1:], dt_s, measured, variance, acceleration, acceleration_density,
+            drift_density))
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
@@ -198,12 +200,15 @@ def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, cova
 @compiled
 def _filtered(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
               dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
-              acceleration_density: np.ndarray, drift_density: float
+              acceleration: np.ndarray, acceleration_density: np.ndarray, drift_density: float
               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     transition, process = np.eye(9), np.zeros((9, 9))
     for k in range(len(dt_s)):
-        quaternion, rate, drift, covariance, Phi, Q = _propagated_at_constant_rate(
-            quaternion, rate, drift, covariance, dt_s[k], acceleration_density, drift_density)
+        change = acceleration * dt_s[k]
+        quaternion, _, _, covariance, Phi, Q = _propagated_at_constant_rate(
+            quaternion, rate + change / 2, drift, covariance, dt_s[k], acceleration_density,
+            drift_density)
+        rate = rate + change
         transition, process = Phi @ transition, Phi @ process @ Phi.T + Q
         if k < len(measured):
             quaternion, rate, drift, covariance, kept = _with_rate(

@@ -22,7 +22,7 @@ MAX_RATE_RAD_S = np.radians(100.0)
 """Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
 
 SATURATED = 0.999  # of the range
-UNSTEADY = 16.3  # chi-square of three axes that one in 1000 steady turns exceeds
+UNEXPECTED = 16.3  # chi-square of three axes that one in 1000 exceeds by chance
 _MAX_MEASUREMENTS = 100_000
 
 
@@ -154,10 +154,10 @@ class Gyro:
         return ((stamps_ns[after] - stamps_ns[index]) * 1e-9 if after < len(stamps_ns)
                 else math.inf)
 
-    def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
-                 ) -> Prediction:
+    def filtered(self, state: AttitudeState, to_ns: int, acceleration: np.ndarray,
+                 acceleration_density: np.ndarray) -> Prediction:
         """
-        Predict the state at a later time, propagated at constant rate and updated by each rate.
+        Predict the state at a later time, at an acceleration (3,) rad/s^2, updated by each rate.
 
         acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
         """
@@ -174,18 +174,26 @@ class Gyro:
         times_ns.append(to_ns)
         dt_s = [(after_ns - at_ns) * 1e-9 for at_ns, after_ns in pairwise(times_ns)]
         return state.filtered(to_ns, np.array(dt_s), np.array(rates).reshape(-1, 3),
-                              np.array(variances), acceleration_density, self.drift_density)
+                              np.array(variances), acceleration, acceleration_density,
+                              self.drift_density)
 
-    def is_steady(self, state: AttitudeState, to_ns: int) -> bool:
-        """Return whether the rates until a time are those of a body that turns as before."""
+    def expects(self, state: AttitudeState, to_ns: int, acceleration: np.ndarray,
+                variance: np.ndarray) -> bool:
+        """
+        Return whether the rates until a time are those of a body at this acceleration.
+
+        acceleration (3,) rad/s^2 has a variance (3,) about each axis.
+        """
         begin = bisect_right(self._stamps_ns, state.stamp_ns)
         end = bisect_right(self._stamps_ns, to_ns)
         if begin == end:
             return True
-        P, noise = state.covariance[3:], self.noise_density / ((to_ns - state.stamp_ns) * 1e-9)
-        S = P[:3, 3:6] + P[:3, 6:] + P[3:, 3:6] + P[3:, 6:] + noise * np.eye(3)
-        innovation = np.mean(self._rates[begin:end], axis=0) - state.rate - state.drift
-        return bool(innovation @ np.linalg.solve(S, innovation) < UNSTEADY)
+        dt_s, P = (to_ns - state.stamp_ns) * 1e-9, state.covariance[3:]
+        S = P[:3, 3:6] + P[:3, 6:] + P[3:, 3:6] + P[3:, 6:] + np.diag(
+            self.noise_density / dt_s + variance * (dt_s / 2) ** 2)
+        innovation = (np.mean(self._rates[begin:end], axis=0) - state.drift - state.rate
+                      - acceleration * (dt_s / 2))
+        return bool(innovation @ np.linalg.solve(S, innovation) < UNEXPECTED)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""

@@ -213,8 +213,10 @@ class AttitudeModel(StarModel):
             yield _Hypothesis(False, nominal.state, nominal)
         else:
             # In a sparse frame no assumption about the acceleration holds.
-            if not sparse and gyro.is_steady(state, stamp_ns):
-                nominal = gyro.filtered(state, stamp_ns, density)
+            shown = self._acceleration.estimate
+            if not sparse and gyro.expects(state, stamp_ns, shown.mean, shown.process):
+                nominal = gyro.filtered(state, stamp_ns, shown.mean, density + shown.process * (
+                    (stamp_ns - state.stamp_ns) * 1e-9))
                 yield _Hypothesis(True, nominal.state, nominal)
             yield _Hypothesis(True, gyro.propagate(state, stamp_ns))
         for factor in MANOEUVRES:

@@ -17,11 +17,11 @@ share of frames with a jump, which is learnt.
 
 What is published has the mean and the covariance of the mixture of no jump and one in any of the
 last frames. A normal distribution of these moments has no such tails as the mixture. With a jump
-that has the probability p the attitude is off by N(m, s^2) about an axis, where s^2 is F V F^T and
-the covariance without a jump; its sigma is at least (|m| + c s) / 5 with p exp(-c^2 / 2) / 2 =
-MISSED (a bound of the normal integral). The filter itself is changed only once a jump is more
-probable than none: the small errors of improbable jumps, added in each frame, would be process
-noise.
+that has the probability p the attitude is off by N(m, s^2) about an axis, where s^2 is that of
+F V F^T and of the covariance without a jump; its sigma is at least (|m| + c s) / 5 with
+p exp(-c^2 / 2) / 2 = MISSED (a bound of the normal integral). The filter itself is changed only
+once a jump is more probable than none: the small errors of improbable jumps, added in each frame,
+would be process noise.
 """
 
 import math
@@ -188,17 +188,18 @@ def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.n
                     second[3 * k + i, row] += moment * effect[row, 3 * k + j]
     total = 1 + ratios.sum()
     mean = effect @ first / total
-    without = P[:3, :3] - np.ascontiguousarray(P[:3, :3]) @ S_inverse @ P[:3, :3]
+    attitude = np.ascontiguousarray(P[:3, :3])
+    without = np.diag(attitude) - np.diag(attitude @ S_inverse @ attitude)
     least = np.zeros(3)
     for k in range(count):
         if ratios[k] <= 2 * MISSED * total:
             continue
         normal = math.sqrt(2 * math.log(ratios[k] / total / (2 * MISSED)))
-        F, V = np.ascontiguousarray(effect[:3, 3 * k:3 * k + 3]), inverse(information[k])
+        F = np.ascontiguousarray(effect[:3, 3 * k:3 * k + 3])
         error = F @ first[3 * k:3 * k + 3] / ratios[k] - mean[:3]
-        covariance_k = F @ V @ F.T + without
+        variance = np.diag(F @ inverse(information[k]) @ F.T) + without
         for axis in range(3):
             least[axis] = max(least[axis], (
-                abs(error[axis]) + normal * math.sqrt(covariance_k[axis, axis])) / WRONG_SIGMAS)
+                abs(error[axis]) + normal * math.sqrt(variance[axis])) / WRONG_SIGMAS)
     return (1 - 1 / total, ratios[newest] / total, mean,
             effect @ second / total - np.outer(mean, mean), least)

@@ -160,16 +160,20 @@ def test_a_wrong_gyro_is_reported_and_does_no_harm(error):
     assert troubled > 60
 
 
-def test_the_rates_alone_predict_a_body_that_changes_its_rate():
-    """A filter of a steady turn contradicted every second frame, and the stars alone were left."""
-    squares = []
+def test_a_gyro_follows_a_body_that_changes_its_rate():
+    """A filter of a steady turn contradicted every second frame, and its rate lagged behind."""
+    squares, of_rate = [], []
     for seed in range(3):
         motion = Turns(ONBOARD, rates=slew((0.6, 0, 0.8), 3.0, 0.5, 20.0), seed=seed)
         for k, tracker in frames_of(motion, gyro=true):
             if 25 < k < 80:
-                error = attitude_error(tracker.attitude.attitude.quaternion, motion.q(k))
+                tracked, rate = tracker.attitude, np.radians(motion.rates[PER_FRAME * k - 1])
+                error = attitude_error(tracked.attitude.quaternion, motion.q(k))
                 squares.append(error[2] ** 2 / tracker.frame_attitude.covariance_sensor[2, 2])
-    assert np.mean(squares) < 0.35
+                of_rate.extend(nees_of((tracked.rate_rad_s - rate)[None],
+                                       tracked.rate_covariance[None]))
+    assert np.mean(squares) < 0.4
+    assert np.mean(of_rate) < 4
 
 
 def test_after_a_jump_its_rate_is_known_as_well_as_its_covariance_says():

@@ -46,7 +46,7 @@ def frames(ratio, count, seed, gyro_noise=None):
                          0, np.sqrt(gyro.noise_density / part_s), 3))
         to_ns = frame * DT_NS
         prediction = (state.predicted_at_constant_rate(to_ns, DENSITY, 0.0) if gyro_noise is None
-                      else gyro.filtered(state, to_ns, DENSITY))
+                      else gyro.filtered(state, to_ns, np.zeros(3), DENSITY))
         measured = turned(truth, rng.multivariate_normal(np.zeros(3), R))
         predicted = prediction.state
         turn = rotation_between(predicted.quaternion, measured)
