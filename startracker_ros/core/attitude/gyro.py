@@ -116,10 +116,6 @@ class Gyro:
         """Return whether a measurement reached the range at most for_s before a time."""
         return self.saturated_ns is not None and 0 <= stamp_ns - self.saturated_ns <= for_s * 1e9
 
-    def newest_ns(self, stamp_ns: int) -> int:
-        """Return the time of the newest measurement, but none later than a time."""
-        return min(self._stamps_ns[-1], stamp_ns)
-
     def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
         """Return the state at a later time, propagated by the measured rates alone."""
         steps = list(self.steps(state.stamp_ns, to_ns))
@@ -128,6 +124,15 @@ class Gyro:
         _, dt_s, rates, noise_density, variance = map(np.array, zip(*steps))
         return state.propagated_at_gyro_rates(
             to_ns, dt_s, rates, noise_density, variance, self.drift_density)
+
+    def predict(self, state: AttitudeState, to_ns: int) -> tuple[AttitudeState, AttitudeState]:
+        """
+        Return the state at the newest rate and at a later time, both by the rates alone.
+
+        The next prediction begins at the first: rates that come late are used then.
+        """
+        state = self.propagate(state, min(self._stamps_ns[-1], to_ns))
+        return state, self.propagate(state, to_ns)
 
     def steps(self, from_ns: int, to_ns: int) -> Iterator[GyroStep]:
         """Yield the measured rates that propagate an attitude from one time to another."""

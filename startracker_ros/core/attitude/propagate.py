@@ -60,8 +60,7 @@ class AttitudePropagator:
         """Return the attitude at a time, None before the first one or without any rate."""
         if self._state is None or stamp_ns < self._state.stamp_ns or not self.has_rates:
             return None
-        self._state = self._gyro.propagate(self._state, self._gyro.newest_ns(stamp_ns))
-        self._predicted = self._gyro.propagate(self._state, stamp_ns)
+        self._state, self._predicted = self._gyro.predict(self._state, stamp_ns)
         return AttitudePrediction(self._predicted.quaternion, self._predicted.covariance[:3, :3])
 
     def correct(self, quaternion: np.ndarray, covariance_sensor: np.ndarray) -> None:

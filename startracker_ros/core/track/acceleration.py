@@ -33,6 +33,7 @@ import numpy as np
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.normal_tail import tail_sigmas
 from startracker_ros.core.maths.small_algebra import inverse
 
 MEMORY = 0.93  # of the squared errors of the frames before
@@ -437,15 +438,15 @@ def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np
     """
     Return what a covariance (3, 3) lacks for an error (3,) that is possible, zero for nothing.
 
-    With the probability p of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
-    probability MISSED: within c of WRONG_SIGMAS, p exp(-c^2 / 2) / 2 = MISSED (a bound of the
-    normal integral). As much of the square of the error is added as makes its Mahalanobis
-    distance WRONG_SIGMAS - c (Sherman and Morrison).
+    With the probability of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
+    probability MISSED: within c of WRONG_SIGMAS, as of tail_sigmas(). As much of the square of
+    the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman and Morrison).
     """
     nothing = np.zeros((3, 3))
-    if probability <= 2 * MISSED:
+    tail = tail_sigmas(probability, MISSED)
+    if tail == 0:
         return nothing
-    most = max(WRONG_SIGMAS - math.sqrt(2 * math.log(probability / (2 * MISSED))), 1.0)
+    most = max(WRONG_SIGMAS - tail, 1.0)
     distance2 = error @ (inverse(covariance) @ error)
     if distance2 <= most * most:
         return nothing

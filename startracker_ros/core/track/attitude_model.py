@@ -208,10 +208,7 @@ class AttitudeModel(StarModel):
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
             sparse or not self._is_saturated(stamp_ns))
-        if not with_gyro:
-            nominal = self._propagated(state, stamp_ns, density)
-            yield _Hypothesis(False, nominal.state, nominal)
-        else:
+        if with_gyro:
             # In a sparse frame no assumption about the acceleration holds.
             shown = self._acceleration.estimate
             if not sparse and gyro.expects(state, stamp_ns, shown.mean, shown.process):
@@ -219,6 +216,9 @@ class AttitudeModel(StarModel):
                     (stamp_ns - state.stamp_ns) * 1e-9))
                 yield _Hypothesis(True, nominal.state, nominal)
             yield _Hypothesis(True, gyro.propagate(state, stamp_ns))
+        else:
+            nominal = self._propagated(state, stamp_ns, density)
+            yield _Hypothesis(False, nominal.state, nominal)
         for factor in MANOEUVRES:
             yield _Hypothesis(
                 False,

@@ -57,9 +57,7 @@ class GyroAgreement:
             self._compared = 0
             return False
         self._compared += 1
-        # Rates that come late are used then.
-        self._reference = self._gyro.propagate(self._reference, self._gyro.newest_ns(stamp_ns))
-        predicted = self._gyro.propagate(self._reference, stamp_ns)
+        self._reference, predicted = self._gyro.predict(self._reference, stamp_ns)
         turn = rotation_between(predicted.quaternion, quaternion)
         if turn @ np.linalg.solve(predicted.covariance[:3, :3] + covariance, turn) <= NIS_GATE:
             self._agreed, self._against = self._agreed + 1, 0

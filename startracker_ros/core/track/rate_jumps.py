@@ -18,10 +18,9 @@ share of frames with a jump, which is learnt.
 What is published has the mean and the covariance of the mixture of no jump and one in any of the
 last frames. A normal distribution of these moments has no such tails as the mixture. With a jump
 that has the probability p the attitude is off by N(m, s^2) about an axis, where s^2 is that of
-F V F^T and of the covariance without a jump; its sigma is at least (|m| + c s) / 5 with
-p exp(-c^2 / 2) / 2 = MISSED (a bound of the normal integral). The filter itself is changed only
-once a jump is more probable than none: the small errors of improbable jumps, added in each frame,
-would be process noise.
+F V F^T and of the covariance without a jump; its sigma is at least (|m| + c s) / 5, c as of
+tail_sigmas(). The filter itself is changed only once a jump is more probable than none: the small
+errors of improbable jumps, added in each frame, would be process noise.
 """
 
 import math
@@ -32,6 +31,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
+from startracker_ros.core.maths.normal_tail import tail_sigmas
 from startracker_ros.core.maths.small_algebra import determinant, inverse
 
 FRAMES = 10
@@ -167,23 +167,24 @@ def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.n
     effect -= np.ascontiguousarray(P[:6, :3]) @ weighted
     count = min(length + 1, FRAMES)
     ratios, first, second = np.zeros(FRAMES), np.zeros(3 * FRAMES), np.zeros((3 * FRAMES, 6))
+    V, d = np.empty((FRAMES, 3, 3)), np.zeros((FRAMES, 3))
     for k in range(count):
         for i in range(3):
             for j in range(3):
                 vector[k, i] += weighted[j, 3 * k + i] * turn[j]
                 for row in range(3):
                     information[k, i, j] += G[row, 3 * k + i] * weighted[row, 3 * k + j]
-        V, d, exponent = inverse(information[k]), np.zeros(3), 0.0
+        V[k], exponent = inverse(information[k]), 0.0
         for i in range(3):
             for j in range(3):
-                d[i] += V[i, j] * vector[k, j]
-            exponent += d[i] * vector[k, i] / 2
+                d[k, i] += V[k, i, j] * vector[k, j]
+            exponent += d[k, i] * vector[k, i] / 2
         ratios[k] = share * math.exp(min(exponent, MOST_EXPONENT)) * math.sqrt(
             prior[k] / determinant(information[k]))
         for i in range(3):
-            first[3 * k + i] = ratios[k] * d[i]
+            first[3 * k + i] = ratios[k] * d[k, i]
             for j in range(3):
-                moment = ratios[k] * (V[i, j] + d[i] * d[j])
+                moment = ratios[k] * (V[k, i, j] + d[k, i] * d[k, j])
                 for row in range(6):
                     second[3 * k + i, row] += moment * effect[row, 3 * k + j]
     total = 1 + ratios.sum()
@@ -192,14 +193,13 @@ def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.n
     without = np.diag(attitude) - np.diag(attitude @ S_inverse @ attitude)
     least = np.zeros(3)
     for k in range(count):
-        if ratios[k] <= 2 * MISSED * total:
+        tail = tail_sigmas(ratios[k] / total, MISSED)
+        if tail == 0:
             continue
-        normal = math.sqrt(2 * math.log(ratios[k] / total / (2 * MISSED)))
         F = np.ascontiguousarray(effect[:3, 3 * k:3 * k + 3])
-        error = F @ first[3 * k:3 * k + 3] / ratios[k] - mean[:3]
-        variance = np.diag(F @ inverse(information[k]) @ F.T) + without
+        error, variance = F @ d[k] - mean[:3], np.diag(F @ V[k] @ F.T) + without
         for axis in range(3):
             least[axis] = max(least[axis], (
-                abs(error[axis]) + normal * math.sqrt(variance[axis])) / WRONG_SIGMAS)
+                abs(error[axis]) + tail * math.sqrt(variance[axis])) / WRONG_SIGMAS)
     return (1 - 1 / total, ratios[newest] / total, mean,
             effect @ second / total - np.outer(mean, mean), least)
