@@ -190,6 +190,12 @@ class AngularAcceleration:
             self._since_jump))
 
     @property
+    def rate_change(self) -> np.ndarray:
+        """Change (3,) rad/s of the mean rate in the last interval, zero where it is not known."""
+        memory = self._memory
+        return memory.recent[0] * self._dt_s if memory.numbers[FRAMES] else np.zeros(3)
+
+    @property
     def is_known(self) -> bool:
         """Whether enough frames have shown how the body accelerates."""
         return bool(self._memory.numbers[WEIGHT] >= LEAST_WEIGHT)

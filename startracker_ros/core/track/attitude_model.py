@@ -47,6 +47,9 @@ LIKELY = 7.8
 the innovation: the least one within the gate would leave up to NIS_GATE, and a rate that is wrong
 by as much."""
 
+RATE_DOUBT_FRAMES = 3
+"""From a change of the rate on, until the new acceleration is known."""
+
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
@@ -110,6 +113,7 @@ class AttitudeModel(StarModel):
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._measured: AttitudeEstimate | None = None
         self._jumps, self._mixture = RateJumps(), NO_JUMP
+        self._rate_doubt, self._changed_frames = _NO_ERROR, RATE_DOUBT_FRAMES
         self._hidden_jumps, self._process_noise = HiddenJumps(), ProcessNoise()
         self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
@@ -171,6 +175,7 @@ class AttitudeModel(StarModel):
         self._stamp_jitter.interrupt()
         self._acceleration.interrupt()
         self._mixture = self._jumps.interrupt()
+        self._rate_doubt = _NO_ERROR
         self._hidden_jumps.interrupt()
         self._process_noise.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
@@ -355,6 +360,7 @@ class AttitudeModel(StarModel):
             self._acceleration.interrupt()
             self._hidden_jumps.interrupt()
             self._process_noise.interrupt()
+            self._rate_doubt = _NO_ERROR
             return self._jumps.interrupt()
         self._measured = AttitudeEstimate(
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
@@ -369,6 +375,7 @@ class AttitudeModel(StarModel):
         self._acceleration.add(
             corrected.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
             turn, mixture.newest)
+        self._doubt_rate(hypothesis, mixture)
         if hypothesis.prediction is None or mixture.is_certain:
             self._process_noise.interrupt()
         else:
@@ -381,6 +388,27 @@ class AttitudeModel(StarModel):
                                    self._process_noise.ratio, self._jumps.share)
         return mixture
 
+    def _doubt_rate(self, hypothesis: _Hypothesis, mixture: Mixture) -> None:
+        """
+        Set by what the rate may still change after a frame that contradicts its prediction.
+
+        It shows the mean rate since the one before, or an attitude that was off. At the frame the
+        rate may be another one by as much as the mean has changed, in the next ones by half of
+        what it changes still.
+        """
+        self._changed_frames += 1
+        if hypothesis.prediction is None or mixture.is_certain:
+            self._changed_frames = 0
+        if self._changed_frames >= RATE_DOUBT_FRAMES:
+            self._rate_doubt = _NO_ERROR
+            return
+        share = 0.25
+        if not self._changed_frames:
+            # A gyro has measured the rate at the frame itself.
+            share = 0.0 if hypothesis.uses_gyro else 1.0
+        change = self._acceleration.rate_change
+        self._rate_doubt = share * change[:, None] * change + self._rate_doubt / 4
+
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
         return self._state.rate + self._mixture.mean[3:]
@@ -388,7 +416,7 @@ class AttitudeModel(StarModel):
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return (self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
-                + self._process_noise.excess[3:, 3:])
+                + self._process_noise.excess[3:, 3:] + self._rate_doubt)
 
     @property
     def cross_covariance(self) -> np.ndarray:

@@ -27,7 +27,7 @@ def tracker_runs(condition: str, runs: int, seed: int) -> np.ndarray:
     rng, sums = np.random.default_rng(seed), np.zeros(9)
     for _ in range(runs):
         before: tuple[np.ndarray, np.ndarray] | None = None
-        for index, (pipeline, frame, truth) in enumerate(run_of(
+        for index, (pipeline, frame, truth, _) in enumerate(run_of(
                     CONDITIONS[condition], rng, _EXPOSURE_S)):
             measured = pipeline.tracker.frame_attitude
             sums[0] += 1

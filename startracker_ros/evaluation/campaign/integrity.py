@@ -119,6 +119,8 @@ class IntegrityRow:
     beyond_5_sigma: int
     worst_sigma: float
     mean_nees: float | None
+    rates_beyond_5_sigma: int
+    rates_mean_nees: float | None
     boresight_rms_arcsec: float | None
     losses: int
     holds: bool | None
@@ -213,9 +215,9 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
 
 def run_of(condition: Condition, rng: np.random.Generator,
            exposure_s: tuple[float, float] = UNKNOWN_EXPOSURE
-           ) -> Iterator[tuple[StarTracker, FrameResult, np.ndarray]]:
+           ) -> Iterator[tuple[StarTracker, FrameResult, np.ndarray, np.ndarray]]:
     """
-    Run the pipeline from its start; yield it with its frame and the true attitude (4,).
+    Run the pipeline from its start; yield it with its frame, the true attitude (4,) and rate (3,).
 
     The lists are of an instant; exposure_s are the limits of the exposure that they name.
     """
@@ -228,14 +230,15 @@ def run_of(condition: Condition, rng: np.random.Generator,
             for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
                 pipeline.add_rate(START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
         yield pipeline, pipeline.process_centroids(
-            START_NS + index * STEP_NS, replace(centroids, exposure_s=exposure_s)), truth
+            START_NS + index * STEP_NS, replace(centroids, exposure_s=exposure_s)), truth, rates[
+                max(index * _SUBSTEPS - 1, 0)]
 
 
 def _run(condition: Condition, rng: np.random.Generator) -> Tally:
     """Tally what the pipeline publishes in one run."""
     tally, before = Tally(), TrackerState.LOST
-    for _, frame, truth in run_of(condition, rng):
-        tally += tally_of_frame(frame, before, truth)
+    for _, frame, truth, rate_rad_s in run_of(condition, rng):
+        tally += tally_of_frame(frame, before, truth, rate_rad_s)
         before = frame.state
     return tally
 
@@ -243,18 +246,19 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
 def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
     share = 100 * tally.available / tally.due
     needed, (low, high) = condition.needed_percent, NEES_BOUNDS
-    nees = tally.nees / tally.published if tally.published else None
+    published = tally.published
+    nees = tally.nees / published if published else None
     bound, holds = combined([
-        (f'<= {WRONG_SHARE:g} wrong', tally.wrong <= WRONG_SHARE * tally.published),
+        (f'<= {WRONG_SHARE:g} wrong', tally.wrong <= WRONG_SHARE * published),
         ('0 gross', not tally.gross),
         (f'NEES {low:g} .. {high:g}', nees is None or low <= nees <= high),
         *([(f'>= {needed:g} % published', share >= needed)] if needed else [])], ', ')
     detectable = not isinstance(condition, ImageCondition) or condition.detectable
-    published = tally.published or np.nan
     return IntegrityRow(
         name, tally.frames, share, bound if detectable else 'not detectable', tally.wrong,
-        tally.gross, tally.worst, tally.wrong, tally.worst_sigma, nees,
-        float(np.sqrt(tally.square_arcsec2 / published)), tally.losses,
+        tally.gross, tally.worst, tally.wrong, tally.worst_sigma, nees, tally.rates_wrong,
+        tally.rates_nees / published if published else None,
+        float(np.sqrt(tally.square_arcsec2 / (published or np.nan))), tally.losses,
         holds if detectable else None)
 
 
@@ -282,5 +286,6 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'wrong': WRONG_TEXT,
         'beyond_5_sigma': 'the same as wrong; worst_sigma is the largest error in sigma',
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
+        'rates_beyond_5_sigma': 'of the rates that go with the attitudes; no bound holds for them',
         'losses': 'times that the tracker went from TRACKING to another state',
         'trials': trials, 'seed': seed})

@@ -223,7 +223,7 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
         pipeline.motion.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
         frame = pipeline.process(START_NS + index * STEP_NS, taken.image)
-        tally += tally_of_frame(frame, before, taken.q_mean,
+        tally += tally_of_frame(frame, before, taken.q_mean, taken.state.rate_rad_s,
                                 index >= due_from and not condition.start)
         before = frame.state
     if condition.start:

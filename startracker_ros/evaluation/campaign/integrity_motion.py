@@ -13,6 +13,7 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.core.stages.parameters import StarTrackerOptions
@@ -60,7 +61,7 @@ def _sway(size: float, period_s: float, time_s: np.ndarray, rng: np.random.Gener
 
 def _steps(size: float, period_s: float, time_s: np.ndarray, rng: np.random.Generator
            ) -> np.ndarray:
-    each = (time_s / period_s).astype(int)
+    each = (time_s / period_s + rng.random()).astype(int)
     return rng.uniform(-size, size, each[-1] + 1)[each]
 
 
@@ -157,7 +158,9 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
                             exposed=attitude(exposed_s))
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
                                  replace(seen, exposure_s=exposure_s))
-        tally += tally_of_frame(result, before, truth, due=frame >= 2)
+        sample_ago = attitude(np.array([stamp_s - _SAMPLE_S]))[0]
+        tally += tally_of_frame(result, before, truth,
+                                rotation_between(sample_ago, truth) / _SAMPLE_S, due=frame >= 2)
         before = result.state
     return tally
 

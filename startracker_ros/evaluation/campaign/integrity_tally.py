@@ -27,7 +27,8 @@ class Tally:
 
     due counts the frames that need an attitude, available those of them that have one. Of the
     published attitudes: worst_sigma is the largest error in standard deviations of its own
-    covariance on any axis, nees and square_arcsec2 (boresight) are sums.
+    covariance on any axis, nees and square_arcsec2 (boresight) are sums. Of the rates published
+    with them rates_wrong are beyond 5 sigma, rates_nees is a sum.
     """
 
     frames: int = 0
@@ -40,6 +41,8 @@ class Tally:
     nees: float = 0.0
     square_arcsec2: float = 0.0
     worst_sigma: float = 0.0
+    rates_wrong: int = 0
+    rates_nees: float = 0.0
 
     def __add__(self, other: 'Tally') -> 'Tally':
         both = Tally(*map(sum, zip(astuple(self), astuple(other))))
@@ -49,6 +52,13 @@ class Tally:
     def worst(self) -> float:
         """Largest error over its bound, wrong above 1."""
         return self.worst_sigma / WRONG_SIGMAS
+
+
+def tally_of_rate(rate_rad_s: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
+    """Return the tally of the rate (3,) of an attitude, covariance (3, 3) about sensor axes."""
+    error = rate_rad_s - truth
+    return Tally(rates_wrong=count_wrong(error, np.sqrt(np.diag(covariance))).wrong,
+                 rates_nees=float(error @ np.linalg.solve(covariance, error)))
 
 
 def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
@@ -61,12 +71,17 @@ def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) 
 
 
 def tally_of_frame(frame: FrameResult, before: TrackerState, truth: np.ndarray,
-                   due: bool = True) -> Tally:
-    """Return the tally of a frame; before is the state of the tracker before it."""
+                   rate_rad_s: np.ndarray, due: bool = True) -> Tally:
+    """
+    Return the tally of a frame; before is the state of the tracker before it.
+
+    truth (4,) and rate_rad_s (3,) are the true attitude and rate at its stamp.
+    """
     attitude = frame.attitude
     lost = before is TrackerState.TRACKING and frame.state is not before
     tally = Tally(frames=1, due=int(due), available=int(due and attitude is not None),
                   losses=int(lost))
     if attitude is None:
         return tally
-    return tally + tally_of(attitude.quaternion, attitude.covariance_sensor, truth)
+    return (tally + tally_of(attitude.quaternion, attitude.covariance_sensor, truth)
+            + tally_of_rate(attitude.rate_rad_s, attitude.rate_covariance, rate_rad_s))

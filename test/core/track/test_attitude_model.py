@@ -188,6 +188,19 @@ def test_after_a_jump_its_rate_is_known_as_well_as_its_covariance_says():
     assert np.mean(squares) < 2
 
 
+@pytest.mark.parametrize('roll_deg_s', [0.2, 0.4])
+def test_the_covariance_says_that_a_rate_has_just_changed(roll_deg_s):
+    """By the frame itself the attitude alone may have been off: the rate stayed what it was."""
+    squares = []
+    for seed in range(10):
+        rates = np.repeat([[0.0, 0.0, 0.1], [0.0, 0.0, 0.1 + roll_deg_s]], 100, axis=0)
+        for k, tracker in frames_of(Turns(ONBOARD, rates=rates, seed=seed)):
+            if 10 < k < 15:
+                error = tracker.attitude.rate_rad_s[2] - np.radians(rates[-1, 2])
+                squares.append(error ** 2 / tracker.attitude.rate_covariance[2, 2])
+    assert max(squares) < WRONG_SIGMAS ** 2 and np.mean(squares) < 2
+
+
 def test_a_gyro_that_stops_is_not_needed():
     rates = np.tile([0.0, 0.3, 0.0], (1000, 1))
     motion = Turns(ONBOARD, rates=rates)

@@ -13,7 +13,7 @@ from skies import SMALL_CAMERA
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
-from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of
+from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of, tally_of_rate
 from startracker_ros.sim.sky.detector import DetectorOptions
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
@@ -75,6 +75,7 @@ def test_the_command_runs_both_kinds(one_process):
     lists, images = json.loads(done.stdout)['rows']
     assert lists['condition'] == 'steady turn' and lists['frames'] == 400
     assert lists['published_percent'] == pytest.approx(99.5)
+    assert lists['rates_beyond_5_sigma'] == 0 and 1 < lists['rates_mean_nees'] < 3
     assert lists['holds'] == (lists['wrong'] == 0 and 2.4 <= lists['mean_nees'] <= 3.8)
     assert '0 gross, NEES 2.4 .. 3.8' in lists['bound']
     assert images['frames'] == 10 and images['published_percent'] in (0, 100)
@@ -100,7 +101,13 @@ def test_an_error_of_6_sigma_and_few_arcseconds_is_wrong_but_not_gross():
     assert tally.worst_sigma == pytest.approx(6) and tally.nees == pytest.approx(36)
 
 
+def test_a_rate_beyond_its_covariance_is_counted():
+    tally = tally_of_rate(np.array([0.0, 7e-6, 0.0]), np.eye(3) * 1e-12, np.array([0, 1e-6, 0]))
+    assert tally.rates_wrong == 1 and tally.rates_nees == pytest.approx(36)
+    assert tally_of_rate(np.zeros(3), np.eye(3) * 1e-12, np.zeros(3)) == Tally()
+
+
 def test_tallies_add_up():
-    both = (Tally(1, 1, 1, 1, 0, 1, 0, 2.0, 3.0, 7.0)
-            + Tally(1, 1, 0, 1, 1, 0, 1, 4.0, 5.0, 9.0))
-    assert both == Tally(2, 2, 1, 2, 1, 1, 1, 6.0, 8.0, 9.0)
+    both = (Tally(1, 1, 1, 1, 0, 1, 0, 2.0, 3.0, 7.0, 1, 2.5)
+            + Tally(1, 1, 0, 1, 1, 0, 1, 4.0, 5.0, 9.0, 1, 1.5))
+    assert both == Tally(2, 2, 1, 2, 1, 1, 1, 6.0, 8.0, 9.0, 2, 4.0)
