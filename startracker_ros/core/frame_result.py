@@ -4,6 +4,7 @@
 """What the star tracker knows after a frame."""
 
 from dataclasses import dataclass, field, replace
+import math
 
 import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
@@ -24,8 +25,8 @@ class Attitude(AttitudeEstimate):
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
     velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
     cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where
-    it is not known. acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at()
-    assumes.
+    it is not known. shown_rad_s2 (3,) is the angular acceleration that the frames show, which
+    changes by its own size in shown_s, acceleration_rad_s2 (3,) the 1 sigma of what it may be off.
     protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
     infinite where there is no bound, and at another time.
     """
@@ -34,6 +35,8 @@ class Attitude(AttitudeEstimate):
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
     acceleration_rad_s2: np.ndarray
+    shown_rad_s2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    shown_s: float = math.inf
     cross_covariance: np.ndarray | None = None
     protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
 
@@ -44,15 +47,16 @@ class Attitude(AttitudeEstimate):
 
     def at(self, stamp_ns: int) -> 'Attitude':
         """
-        Return the attitude at a time near stamp_ns of this one, before or after it, by its rate.
+        Return the attitude at a time near stamp_ns of this one, before or after it.
 
-        As that of a row of a rolling shutter. The covariance is P + dt (C + C^T) + dt^2 P_rate
-        with C = cross_covariance; where that is not known it is the bound (1 + k) P +
-        (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace. A constant
-        acceleration adds (a dt^2 / 2)^2.
+        As that of a row of a rolling shutter, by rate and acceleration. The covariance is
+        P + dt (C + C^T) + dt^2 P_rate with C = cross_covariance; where that is not known it is the
+        bound (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace.
+        An error a of the acceleration adds (a dt^2 / 2)^2.
         """
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
-        turn = quaternion_from_rotation_vector(self.rate_rad_s * dt_s)
+        change = self.shown_rad_s2 * dt_s
+        turn = quaternion_from_rotation_vector((self.rate_rad_s + change / 2) * dt_s)
         by_rate = dt_s ** 2 * self.rate_covariance
         covariance, cross = self.covariance_sensor, self.cross_covariance
         if cross is not None:
@@ -63,11 +67,12 @@ class Attitude(AttitudeEstimate):
             covariance = (1 + other / own) * covariance + (1 + own / other) * by_rate
         # The error is about axes that turn with the sensor.
         turned = matrix_from_quaternion(turn).T
-        moved = self.acceleration_rad_s2 * dt_s
+        moved = np.hypot(self.acceleration_rad_s2, change / self.shown_s) * dt_s
         return replace(
             self, stamp_ns=stamp_ns, quaternion=multiply(self.quaternion, turn),
             covariance_sensor=(turned @ covariance @ turned.T
                                + np.diag((moved * dt_s / 2) ** 2)),
+            rate_rad_s=self.rate_rad_s + change,
             rate_covariance=self.rate_covariance + np.diag(moved ** 2),
             cross_covariance=None if cross is None else turned @ cross,
             protection_rad=self.protection_rad if dt_s == 0 else np.full(3, np.inf))

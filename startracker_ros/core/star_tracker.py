@@ -63,9 +63,6 @@ class StarTracker:
 
     def _build(self, camera: Camera, epoch_year: float, options: StarTrackerOptions) -> None:
         self._camera = camera
-        across, roll = (options.tracker.acceleration_deg_s2,
-                        options.tracker.roll_acceleration_deg_s2)
-        self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch_year, options.identification, options.check, gyro=options.gyro,
@@ -180,14 +177,15 @@ class StarTracker:
         attitude: Attitude | None = None
         reasons = [extraction_reason]
         if trusted.attitude is not None and tracked is not None:
-            own = trusted.attitude
+            own, acceleration = trusted.attitude, self.tracker.acceleration
             attitude = Attitude(
                 quaternion=own.quaternion, covariance_sensor=own.covariance_sensor,
                 stars=own.stars, residual_rad=own.residual_rad, chi2=own.chi2,
                 stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
                 rate_covariance=tracked.rate_covariance,
                 cross_covariance=self.tracker.cross_covariance,
-                acceleration_rad_s2=self._acceleration_rad_s2,
+                acceleration_rad_s2=acceleration.sigma, shown_rad_s2=acceleration.mean,
+                shown_s=acceleration.lasts_s,
                 protection_rad=trusted.protection_rad)
             reasons = []
         else:

@@ -78,10 +78,11 @@ class AttitudeState(NamedTuple):
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
-        Return the state updated by a measured attitude error, in information form.
+        Return the state updated by a measured error of attitude, in information form.
 
         information (3, 3) is the inverse covariance of the measurement, which may be
-        singular; vector (3,) is information times the measured rotation vector.
+        singular; vector (3,) is information times the measured rotation vector. With (6, 6) and
+        (6,) the rate is measured as well.
         """
         return AttitudeState(self.stamp_ns, *with_attitude(*self[1:], information, vector))
 
@@ -224,15 +225,16 @@ def with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
     """
     Return quaternion, rate, drift and covariance as the method of AttitudeState has them.
 
-    With H = [I 0 0], Y the information and y the vector:
+    With H = [I 0], Y the information and y the vector:
     P <- P - P H^T (I + Y H P H^T)^-1 Y H P, x <- x + P H^T y.
     """
-    attitude = np.ascontiguousarray(covariance[:3, :3])
-    rows = np.ascontiguousarray(covariance[:3])
-    columns = np.ascontiguousarray(covariance[:, :3])
-    gain = np.linalg.solve(np.eye(3) + information @ attitude, information)
+    count = len(vector)
+    measured = np.ascontiguousarray(covariance[:count, :count])
+    rows = np.ascontiguousarray(covariance[:count])
+    columns = np.ascontiguousarray(covariance[:, :count])
+    gain = np.linalg.solve(np.eye(count) + information @ measured, information)
     after = covariance - columns @ gain @ rows
     # Rounding makes it unsymmetric, and what is unsymmetric would grow from frame to frame.
     after = (after + after.T) / 2
-    change = np.ascontiguousarray(after[:, :3]) @ vector
+    change = np.ascontiguousarray(after[:, :count]) @ vector
     return turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:], after

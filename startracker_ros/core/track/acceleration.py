@@ -196,6 +196,11 @@ class AngularAcceleration:
         return memory.recent[0] * self._dt_s if memory.numbers[FRAMES] else np.zeros(3)
 
     @property
+    def lasts_s(self) -> float:
+        """Return the time in which an acceleration changes by its own size, 1 sigma."""
+        return math.inf if math.isnan(self._dt_s) else self._dt_s / ENDS
+
+    @property
     def is_known(self) -> bool:
         """Whether enough frames have shown how the body accelerates."""
         return bool(self._memory.numbers[WEIGHT] >= LEAST_WEIGHT)
@@ -205,29 +210,32 @@ class AngularAcceleration:
         """Return the largest variance (3,) of errors of attitudes, another one in each frame."""
         return self.estimate.white * self._dt_s ** 4 if self.is_known else np.full(3, np.inf)
 
-    def jump_within(self, exposure_s: tuple[float, float], hidden: float = 0.0) -> float:
+    def jump_within(self, exposed_s: float, hidden: float = 0.0) -> float:
         """
-        Return the probability of a jump of the rate within the last exposure.
+        Return the probability of a jump of the rate while the last frame was exposed, in s.
 
         hidden is that of one since the frame before, by another measure.
         """
         if math.isnan(self._dt_s):
             return 0.0
-        return max(self._probability, hidden) * min(exposure_s[1] / self._dt_s, 1.0)
+        return max(self._probability, hidden) * min(exposed_s / self._dt_s, 1.0)
 
-    def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float) -> Shift:
+    def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float,
+              rows_s2: float = 0.0, known: np.ndarray = np.zeros(3)) -> Shift:
         """
         Return the shift of the light at the last frame.
 
         exposure_s are the least and the largest exposure, which the frame interval limits; rate
         (3,) rad/s is that of the body, focal_px the focal length, zero where the centroids are no
-        fits of streaks: those are at the centre of the light.
+        fits of streaks: those are at the centre of the light. Of a rolling shutter an acceleration
+        moves the stars by rows_s2 of it, half the mean square of their times, beside the known one
+        (3,), by which they are at the time of the frame.
         """
         if math.isnan(self._dt_s):
             return Shift(np.zeros(3), np.zeros((3, 3)), 0.0)
         least, most = (min(limit, self._dt_s) for limit in exposure_s)
         return Shift(*light_shift(self._memory, self.estimate, self._jump, self._dt_s, least, most,
-                                  rate, focal_px))
+                                  rate, focal_px, rows_s2, known))
 
 
 @compiled
@@ -394,8 +402,8 @@ def _swing(value: float, last: float, b: float) -> tuple[float, float, float]:
 
 @compiled
 def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: float, least_s: float,
-                most_s: float, rate: np.ndarray, focal_px: float
-                ) -> tuple[np.ndarray, np.ndarray, float]:
+                most_s: float, rate: np.ndarray, focal_px: float, rows_s2: float,
+                known: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """
     Return the Shift for exposures between least_s and most_s.
 
@@ -417,7 +425,7 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     covariance = (doubt ** 2 * np.outer(seen, seen) + uncertain ** 2 * np.outer(along, along)
                   + most_s / dt_s * jump)
     for axis in range(3):
-        covariance[axis, axis] += ((mean ** 2 + doubt ** 2) * estimate.variance[axis]
+        covariance[axis, axis] += (((mean + rows_s2) ** 2 + doubt ** 2) * estimate.variance[axis]
                                    + UNSTEADY ** 2 * most_s * dt_s ** 3 * estimate.unsteady[axis])
     if swings and b < LEAST_B:
         # Of so fast an oscillation the frames do not tell the frequency: others look the same.
@@ -425,7 +433,8 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     newest = 0.0 if estimate.way == STEADY else 1.0
     if swings and memory.numbers[FRAMES] > 1:
         newest = b
-    return mean * seen, covariance, newest * mean / dt_s ** 2
+    return (mean * seen + rows_s2 * (estimate.value - known), covariance,
+            newest * (mean + rows_s2) / dt_s ** 2)
 
 
 @compiled

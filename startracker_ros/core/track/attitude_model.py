@@ -32,10 +32,12 @@ from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.process_noise import ProcessNoise
 from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
+from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.core.track.stamp_differences import measured_turn
 from startracker_ros.core.track.stamp_jitter import StampJitter
 from startracker_ros.core.track.start import NIS_GATE, Start
+from startracker_ros.core.track.tracks import Acceleration
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
@@ -53,6 +55,10 @@ RATE_DOUBT_FRAMES = 3
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
+SHEARED = 3
+"""Stars of a rolling shutter that are not where a hypothesis has them, from which on they may have
+been exposed after a jump of the rate: another one is tried, and taken if it has as many more."""
+
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
@@ -61,6 +67,17 @@ _NO_ERROR = np.zeros((3, 3))
 _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0),
                     np.empty((0, 2, 2)))
 """The centroids of a frame that is not used."""
+
+
+class _Rows(NamedTuple):
+    """
+    half_s2 is half the mean square of the delays of a rolling shutter, zero without one.
+
+    acceleration (3,) rad/s^2 is that by which the centroids are moved to the time of the frame.
+    """
+
+    half_s2: float
+    acceleration: np.ndarray
 
 
 class _Hypothesis(NamedTuple):
@@ -77,6 +94,9 @@ class _Hypothesis(NamedTuple):
     gate: float = NIS_GATE
 
 
+_Explanation = tuple[_Hypothesis, Correction]
+
+
 class AttitudeModel(StarModel):
     """
     Predicts every star by attitude and body rate, or with a gyro by attitude and gyro drift.
@@ -87,8 +107,7 @@ class AttitudeModel(StarModel):
     def __init__(self, camera: Camera, options: TrackerOptions, gyro: Gyro) -> None:
         super().__init__(camera, options)
         self._gyro = gyro
-        across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
-        self._acceleration_rad_s2 = np.radians([across, across, roll])
+        self._acceleration_rad_s2 = options.acceleration_rad_s2
         self.gyro_trouble = self.failure = ''
         # Its figures are read before the first start.
         self._stamp_jitter = StampJitter()
@@ -117,58 +136,49 @@ class AttitudeModel(StarModel):
         self._hidden_jumps, self._process_noise = HiddenJumps(), ProcessNoise()
         self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
+        self._rows = _Rows(0.0, np.zeros(3))
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
-        nominal: tuple[_Hypothesis, Correction] | None = None
         sparse = self.is_sparse(frame)
         icrf = sky.direction(self.bank.star_index)
-        uv = np.ascontiguousarray(frame.uv)
-        positions = uv.tobytes()
-        repeated, self._positions = positions == self._positions, positions
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
-        error = self._scale.value ** 2 * error_px2
         common = (pointing_covariance(frame.correlated_error, self._camera, self._state.rate)
                   if frame.common.any() else _NO_ERROR)
-        for hypothesis in self._hypotheses(stamp_ns, sparse):
+        self._rows = _Rows(float(np.mean(frame.delay_s ** 2)) / 2 if len(frame) else 0.0,
+                           self._acceleration.estimate.mean)
+        nominal, confirmed = self._explained(
+            stamp_ns, frame, icrf, self._scale.value ** 2 * error_px2, common)
+        if confirmed is not None:
+            hypothesis, correction = confirmed
             predicted = _with_error(hypothesis.state, common)
-            correction = correct(
-                self.lens, icrf, self.bank.confirmed, self._options.min_stars,
-                predicted, uv, error, self._detection)
-            measured = correction.state
-            # The stars show the pointing up to the error that they share.
-            if common is not _NO_ERROR:
-                correction = correction._replace(state=_with_error(measured, common))
-            if (not self._is_consistent(correction, hypothesis.gate)
-                    or repeated and self._is_old(hypothesis.state, correction.state)):
-                nominal = nominal or (hypothesis, correction)
-                if sparse:
-                    break
-                continue
             before_ns, was_used = self._state.stamp_ns, self.uses_gyro
             self._exposure_s, self._streaked = frame.exposure_s, frame.are_streaks
-            mixture = self._measure(hypothesis, predicted, measured, common,
+            mixture = self._measure(hypothesis, predicted, correction, common,
                                     None if nominal is None else nominal[0].state)
-            state = _with_jumps(correction.state, mixture)
+            # The stars show the pointing up to the error that they share.
+            corrected = _with_error(correction.state, common)
+            state = _with_jumps(corrected, mixture)
             fit = self._fit(correction, state)
             if mixture.is_certain:
-                correction, mixture = correction._replace(state=state), NO_JUMP
+                corrected, mixture = state, NO_JUMP
             self._mixture = mixture
             self._moved = (rotation_between(predicted.quaternion, state.quaternion)
                            - self._hidden_jumps.expected)
-            self._stamp_jitter.add(self._state, predicted, correction.state, measured,
+            self._stamp_jitter.add(self._state, predicted, corrected, correction.measured,
                                    self._acceleration.white_rad2)
-            self._set_state(correction.state, hypothesis.uses_gyro)
+            self._set_state(corrected, hypothesis.uses_gyro)
+            frame = self._at_frame_time(frame, corrected)
             seen, residuals = self._follow(correction, icrf, Measured(
-                uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
+                frame.uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
             self._scale.add(correction.typical)
             if self._lens_error.add(seen, residuals):
                 self._scale.restart()
             self._diverged = 0
             self._check_covariance()
             self._compare_gyro(before_ns, was_used)
-            return FrameUpdate(True, fit, correction.unassociated, residuals)
+            return FrameUpdate(True, fit, frame, correction.unassociated, residuals)
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
@@ -192,7 +202,44 @@ class AttitudeModel(StarModel):
             self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
                             'is not known')
         self._check_covariance()
-        return FrameUpdate(False, None, correction.unassociated)
+        return FrameUpdate(False, None, self._at_frame_time(frame, hypothesis.state),
+                           correction.unassociated)
+
+    def _explained(self, stamp_ns: int, frame: Centroids, icrf: np.ndarray, error: np.ndarray,
+                   common: np.ndarray) -> tuple[_Explanation | None, _Explanation | None]:
+        """
+        Return the first hypothesis that the stars contradict and the first one they confirm.
+
+        Stars icrf (N, 3), centroids of covariance error (M, 2, 2), common that of all (3, 3).
+        """
+        sparse, positions = self.is_sparse(frame), frame.uv.tobytes()
+        repeated, self._positions = positions == self._positions, positions
+        nominal: _Explanation | None = None
+        confirmed: _Explanation | None = None
+        for hypothesis in self._hypotheses(stamp_ns, sparse):
+            predicted = _with_error(hypothesis.state, common)
+            correction = correct(
+                self.lens, icrf, self.bank.confirmed, self._options.min_stars, predicted,
+                np.ascontiguousarray(self._at_frame_time(frame, predicted).uv), error,
+                frame.delay_s, self._detection)
+            explanation = hypothesis, correction
+            if (not self._is_consistent(correction, hypothesis.gate)
+                    or repeated and self._is_old(hypothesis.state, _with_error(
+                        correction.state, common))):
+                nominal = nominal or explanation
+                if sparse:
+                    break
+                continue
+            if confirmed is not None and _inliers(correction) < _inliers(confirmed[1]) + SHEARED:
+                continue
+            nominal, confirmed = nominal or confirmed, explanation
+            if not self._rows.half_s2 or correction.stars - _inliers(correction) < SHEARED:
+                break
+        return nominal, confirmed
+
+    def _at_frame_time(self, frame: Centroids, state: AttitudeState) -> Centroids:
+        """Return the centroids at the time of the frame, of a body with the rate of a state."""
+        return at_frame_time(self._camera, frame, state.rate, self._rows.acceleration)
 
     def _check_covariance(self) -> None:
         """Set the failure of a state whose covariance is none."""
@@ -258,7 +305,7 @@ class AttitudeModel(StarModel):
         """Return whether the fit of the inliers is good and its innovation within the gate."""
         return (correction.agreed
                 and bool(correction.innovation @ correction.innovation <= gate)
-                and is_good(int(np.count_nonzero(correction.inlier)), correction.stars,
+                and is_good(_inliers(correction), correction.stars,
                             correction.residual_px, self._options.min_stars,
                             self._options.max_residual_px))
 
@@ -329,7 +376,8 @@ class AttitudeModel(StarModel):
                                ) -> AttitudeEstimate:
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
         turn, covariance, share = self._acceleration.shift(
-            self._exposure_s, self._state.rate, self._camera.fx if self._streaked else 0.0)
+            self._exposure_s, self._state.rate, self._camera.fx if self._streaked else 0.0,
+            *self._rows)
         # The acceleration is a measurement by the same stars.
         covariance -= 2 * share * estimate.covariance_sensor
         estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
@@ -337,8 +385,10 @@ class AttitudeModel(StarModel):
         # A jump moves the light, or ends the acceleration that is taken out. Of one before the
         # frame the filter has followed a part.
         hidden = self._hidden_jumps
-        probability = self._acceleration.jump_within(self._exposure_s, hidden.probability)
-        for error, chance in ((self._moved, probability), (turn, probability),
+        probability = self._acceleration.jump_within(
+            self._exposure_s[1] + math.sqrt(24 * self._rows.half_s2), hidden.probability)
+        taken_out = turn + self._rows.half_s2 * self._rows.acceleration
+        for error, chance in ((self._moved, probability), (taken_out, probability),
                               (hidden.unexpected - self._moved, hidden.probability)):
             covariance += lacking(covariance, error, chance)
         for axis in range(3):
@@ -347,14 +397,14 @@ class AttitudeModel(StarModel):
                        covariance_sensor=covariance)
 
     def _measure(self, hypothesis: _Hypothesis, predicted: AttitudeState,
-                 corrected: AttitudeState, common: np.ndarray,
+                 correction: Correction, common: np.ndarray,
                  contradicted: AttitudeState | None) -> Mixture:
         """
         Set the attitude that the stars of the frame measure, beside what was predicted.
 
         Return the errors by jumps of the rate.
         """
-        adds, turn, covariance = measured_turn(predicted, corrected)
+        adds, turn, covariance = measured_turn(predicted, correction.measured)
         if not adds:
             self._measured = None
             self._acceleration.interrupt()
@@ -373,13 +423,14 @@ class AttitudeModel(StarModel):
             mixture = self._jumps.found(counts=self._acceleration.is_known)
         is_steady = self._acceleration.estimate.way == STEADY
         self._acceleration.add(
-            corrected.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
+            predicted.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
             turn, mixture.newest)
         self._doubt_rate(hypothesis, mixture)
         if hypothesis.prediction is None or mixture.is_certain:
             self._process_noise.interrupt()
         else:
-            self._process_noise.add(hypothesis.prediction, predicted.covariance, turn, covariance)
+            self._process_noise.add(hypothesis.prediction, predicted.covariance,
+                                    correction.state.covariance, turn, covariance)
         if (hypothesis.prediction is None or hypothesis.uses_gyro or mixture.is_certain
                 or not is_steady or common is not _NO_ERROR):
             self._hidden_jumps.interrupt()
@@ -417,6 +468,13 @@ class AttitudeModel(StarModel):
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return (self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
                 + self._process_noise.excess[3:, 3:] + self._rate_doubt)
+
+    @property
+    def acceleration(self) -> Acceleration:
+        estimate = self._acceleration.estimate
+        return Acceleration(
+            estimate.value, np.sqrt(estimate.variance + self._acceleration_rad_s2 ** 2),
+            self._acceleration.lasts_s)
 
     @property
     def cross_covariance(self) -> np.ndarray:
@@ -478,6 +536,10 @@ class _ErrorScale:
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
+
+
+def _inliers(correction: Correction) -> int:
+    return int(np.count_nonzero(correction.inlier))
 
 
 def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:

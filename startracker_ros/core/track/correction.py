@@ -27,7 +27,9 @@ class Correction(NamedTuple):
     along a streak as many sigma of the narrow direction, both infinity where it was missed; best
     (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False when
     there are too few inliers. innovation (3,) is the measured turn, whitened by its covariance:
-    its square is the normalised innovation squared, of 3 degrees of freedom. stars counts the
+    its square is the normalised innovation squared, of 3 degrees of freedom. measured is the
+    prediction, corrected by the attitude that the stars measure alone: with a rolling shutter they
+    measure the rate as well, which corrects state. stars counts the
     usable stars in the image; of the inliers residual_px is the rms of distance, chi2 the sum of
     normalised squared, and typical the median of normalised, NaN where there are too few.
     """
@@ -38,6 +40,7 @@ class Correction(NamedTuple):
     probability: np.ndarray
     unassociated: np.ndarray
     state: AttitudeState
+    measured: AttitudeState
     inlier: np.ndarray
     distance: np.ndarray
     normalised: np.ndarray
@@ -51,7 +54,7 @@ class Correction(NamedTuple):
 
 @compiled
 def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
-            predicted: AttitudeState, uv: np.ndarray, error: np.ndarray,
+            predicted: AttitudeState, uv: np.ndarray, error: np.ndarray, delay_s: np.ndarray,
             detection: DetectionModel) -> Correction:
     """
     Associate centroids with predicted stars and correct the attitude by the inliers.
@@ -59,38 +62,70 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
     icrf (N, 3) are the directions of the stars, usable (N,) those that may correct it;
     centroids uv (M, 2) px of covariance error (M, 2, 2). One outlier is removed at a time, the
     worst: it biases the attitude and with it the residuals of all others.
+
+    Of a rolling shutter uv are where the predicted rate has the stars at the time of the frame,
+    delay_s (M,) after which they are exposed. With an error e of that rate they are J delay_s e
+    away, J the image jacobian: each star measures attitude and rate by [J, delay_s J].
     """
     sensor = sensor_directions(matrix_from_quaternion(predicted.quaternion), icrf)
     inside = _in_image(lens, project(lens, sensor))
     icrf, sensor = icrf[inside], sensor[inside]
     predicted_uv, H = project(lens, sensor), image_flows(lens, sensor)
     P = np.ascontiguousarray(predicted.covariance[:3, :3])
-    beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, error, detection)
+    rolling = delay_s.any()
+    moved = P
+    if rolling:
+        moved = P + np.max(delay_s ** 2) * predicted.covariance[3:6, 3:6]
+    beta, unassociated = associate(
+        predicted_uv, _pixel_covariance(H, moved), uv, error, detection)
     z, R = combined_innovation(predicted_uv, uv, error, beta)
     usable = usable[inside]
     detected, best = beta[:, 0] <= 0.5, most_probable(beta)
     # A star that was missed rather than not would pull towards the centroid of another one.
     weight = (1 - beta[:, 0]) * usable * detected
     distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
+    delay = np.zeros(len(icrf))
+    if rolling:
+        delay[detected] = delay_s[best[detected]]
     while True:
         information, vector = normal_equations(H, z, R, weight)
+        if rolling:
+            information, vector = _with_rate(information, vector, H, z, R, weight, delay)
         quaternion, rate, drift, covariance = with_attitude(
             predicted.quaternion, predicted.rate, predicted.drift, predicted.covariance,
             information, vector)
         state = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
         inlier = (weight > 0) & detected
         if np.sum(inlier) < min_stars:
-            return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
-                              distance, normalised, best, np.zeros(3), np.sum(usable), np.nan,
-                              np.nan, np.nan)
+            return Correction(False, inside, predicted_uv, beta, unassociated, state, state,
+                              inlier, distance, normalised, best, np.zeros(3), np.sum(usable),
+                              np.nan, np.nan, np.nan)
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
+        if rolling:
+            for star in range(len(corrected)):
+                corrected[star] += delay[star] * (H[star] @ (rate - predicted.rate))
         _fill_residuals(corrected, uv, error, detected, best, distance, normalised)
         worst = np.argmax(np.where(inlier, normalised, 0.0))
         if normalised[worst] <= OUTLIER_SIGMA:
             break
         weight[worst] = 0.0
-    return Correction(True, inside, predicted_uv, beta, unassociated, state, inlier, distance,
-                      normalised, best, _whitened(P, information, vector), np.sum(usable),
+    measured = state
+    turn_covariance = np.linalg.inv(np.ascontiguousarray(information[:3, :3]))
+    turn = turn_covariance @ vector[:3]
+    S = P + turn_covariance
+    if rolling:
+        # By an error e of the rate the turn is off by lever e.
+        lever = turn_covariance @ np.ascontiguousarray(information[:3, 3:])
+        cross = lever @ np.ascontiguousarray(predicted.covariance[3:6, :3])
+        S += cross + cross.T + _turned(lever, predicted.covariance)
+        Y = np.linalg.inv(turn_covariance + _turned(lever, covariance))
+        quaternion, rate, drift, covariance = with_attitude(
+            predicted.quaternion, predicted.rate, predicted.drift, predicted.covariance, Y,
+            Y @ (turn - lever @ (rate - predicted.rate)))
+        measured = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
+    return Correction(True, inside, predicted_uv, beta, unassociated, state, measured, inlier,
+                      distance, normalised, best,
+                      np.linalg.solve(np.linalg.cholesky(S), turn), np.sum(usable),
                       np.sqrt(np.mean(distance[inlier] ** 2)), np.sum(normalised[inlier] ** 2),
                       np.median(normalised[inlier]))
 
@@ -118,10 +153,22 @@ def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, error: np.ndarray,
 
 
 @compiled
-def _whitened(P: np.ndarray, information: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return S^(-1/2) z (3,) of z = Y^-1 y, the measured turn, with S = P + Y^-1."""
-    R = np.linalg.inv(information)
-    return np.linalg.solve(np.linalg.cholesky(P + R), R @ vector)
+def _with_rate(information: np.ndarray, vector: np.ndarray, H: np.ndarray, z: np.ndarray,
+               R: np.ndarray, weight: np.ndarray, delay_s: np.ndarray
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """Return information (6, 6) and vector (6,) of [H, delay_s H], by those of H."""
+    both, both_vector = np.empty((6, 6)), np.empty(6)
+    cross, rate_vector = normal_equations(H, z, R, weight * delay_s)
+    own, _ = normal_equations(H, z, R, weight * delay_s ** 2)
+    both[:3, :3], both[:3, 3:], both[3:, :3], both[3:, 3:] = information, cross, cross.T, own
+    both_vector[:3], both_vector[3:] = vector, rate_vector
+    return both, both_vector
+
+
+@compiled
+def _turned(lever: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return the covariance (3, 3) of lever (3, 3) times the rate of a state (9, 9)."""
+    return lever @ np.ascontiguousarray(covariance[3:6, 3:6]) @ lever.T
 
 
 @compiled

@@ -21,6 +21,7 @@ from startracker_ros.core.track.motion_models import (
     VELOCITY)
 from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
 from startracker_ros.core.track.star_association import associate_stars
 from startracker_ros.core.track.start import Start
@@ -44,6 +45,7 @@ class IndependentStarsModel(StarModel):
                                     acceleration_rad_s2 * self._camera.fy)
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
+        frame = at_frame_time(self._camera, frame, self.rate_rad_s)
         self._predict(stamp_ns)
         self._stamp_ns = stamp_ns
         unassociated = self._update(frame, sky)
@@ -54,11 +56,11 @@ class IndependentStarsModel(StarModel):
             if self.uses_gyro and not self.is_sparse(frame):
                 self.gyro_trouble = ('the stars are not where the roll of imu has them: is it in '
                                      'rad/s and on the axes of the sensor?')
-            return FrameUpdate(False, fit, unassociated)
+            return FrameUpdate(False, fit, frame, unassociated)
         self._estimate_rate(fit)
         fit = replace(fit, attitude=with_correlated_error(
             fit.attitude, frame.correlated_error, self._camera))
-        return FrameUpdate(True, fit, unassociated)
+        return FrameUpdate(True, fit, frame, unassociated)
 
     def _predict(self, stamp_ns: int) -> None:
         bank, is_turn = self.bank, self._options.model == 'coordinated_turn'

@@ -5,6 +5,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
@@ -22,6 +23,7 @@ from startracker_ros.core.track.motion_models import moved_by
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rotation_fit import RotationFit
 from startracker_ros.core.track.start import Start
+from startracker_ros.core.track.tracks import Acceleration
 
 _NO_TRACKS = TrackBank.empty()
 
@@ -38,13 +40,14 @@ class FrameUpdate:
     """
     The result of a frame: good when enough stars agree on an attitude within the limits.
 
-    fit has a row for each track of the bank, None where no stars agree on an attitude;
-    unassociated (M,) masks the centroids in no gate; residuals are those of the detected stars of
-    a model that has them.
+    fit has a row for each track of the bank, None where no stars agree on an attitude; frame are
+    the M centroids at its time, unassociated (M,) masks those in no gate; residuals are those of
+    the detected stars of a model that has them.
     """
 
     good: bool
     fit: RotationFit | None
+    frame: Centroids
     unassociated: np.ndarray
     residuals: Residuals | None = None
 
@@ -93,6 +96,11 @@ class StarModel(ABC):
     def cross_covariance(self) -> np.ndarray | None:
         """Return that (3, 3) of the errors of attitude and rate, of a model that knows it."""
         return None
+
+    @property
+    def acceleration(self) -> Acceleration:
+        """Return the angular acceleration at the last frame."""
+        return Acceleration(np.zeros(3), self._options.acceleration_rad_s2, math.inf)
 
     @property
     def lens(self) -> Lens:

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from startracker_ros.core.attitude.result import SOLVERS
 from startracker_ros.core.catalog.deep import DEEP_LIMIT
 from startracker_ros.core.options import option, Options
@@ -107,6 +108,12 @@ class TrackerOptions(Options):
     def ignored(self) -> list[str]:
         """Return the options that are not the default and have no effect without a filter."""
         return [name for name in self.changed if self.model == 'sna' and name in _OF_FILTERS]
+
+    @property
+    def acceleration_rad_s2(self) -> np.ndarray:
+        """Return the 1 sigma (3,) of the angular acceleration about sensor axes."""
+        across, roll = self.acceleration_deg_s2, self.roll_acceleration_deg_s2
+        return np.radians([across, across, roll])
 
     @property
     def reads_gyro(self) -> bool:

@@ -6,8 +6,8 @@ How large the process noise is, over the one that the filter assumes.
 
 The gain of the filter is that of an assumed process noise, so that it follows motions which begin.
 Of a body that turns steadily its covariance is too large by that noise, under an acceleration that
-no frame shows it is too small. With the gain K as it is and A = I - K H, the part P_Q of the
-covariance P by the process noise Q is
+no frame shows it is too small. With the gain K as it is and A = I - K H = P P-^-1, the part P_Q of
+the covariance P by the process noise Q is
 
     P_Q- = Phi P_Q Phi^T + Q,  P_Q = A P_Q- A^T,
 
@@ -68,15 +68,16 @@ class ProcessNoise:
             array.fill(0.0)
         self.excess = np.zeros((6, 6))
 
-    def add(self, prediction: Prediction, covariance: np.ndarray, turn: np.ndarray,
-            turn_covariance: np.ndarray) -> None:
+    def add(self, prediction: Prediction, covariance: np.ndarray, corrected: np.ndarray,
+            turn: np.ndarray, turn_covariance: np.ndarray) -> None:
         """
         Add a frame whose prediction has this covariance (9, 9), with the errors of all stars.
 
-        turn (3,) rad, of covariance (3, 3), is what the stars measure from the prediction.
+        corrected (9, 9) is the one after the frame; turn (3,) rad, of covariance (3, 3), is what
+        the stars measure from the prediction.
         """
-        add_frame(self._memory, prediction.transition, prediction.process, covariance, turn,
-                  turn_covariance)
+        add_frame(self._memory, prediction.transition, prediction.process, covariance, corrected,
+                  turn, turn_covariance)
         size = np.sqrt(np.tile(self.ratio, 2))
         self.excess = self._memory.share[:6, :6] * (size[:, None] * size - 1)
 
@@ -89,7 +90,7 @@ class ProcessNoise:
 
 @compiled
 def add_frame(memory: Memory, transition: np.ndarray, process: np.ndarray, P: np.ndarray,
-              turn: np.ndarray, R: np.ndarray) -> None:
+              corrected: np.ndarray, turn: np.ndarray, R: np.ndarray) -> None:
     """Add a frame as of ProcessNoise.add(); transition is Phi, process Q."""
     share, spread, change, score, information = memory
     share[:] = transition @ share @ transition.T + process
@@ -102,8 +103,7 @@ def add_frame(memory: Memory, transition: np.ndarray, process: np.ndarray, P: np
             part * (normalised - 1) / 2 + turn[axis] * change[axis] / S[axis, axis])
         information[axis] = MEMORY * information[axis] + (
             part ** 2 / 2 + spread[axis, axis] / S[axis, axis])
-    A = np.eye(9)
-    A[:, :3] -= np.ascontiguousarray(P[:, :3]) @ inverse(S)
+    A = np.linalg.solve(P, corrected).T
     share[:] = A @ share @ A.T
     G = np.ascontiguousarray(share[:, :3]) @ inverse(R)
     change[:] = A @ change + G @ turn

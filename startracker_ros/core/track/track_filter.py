@@ -31,10 +31,9 @@ from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars, zero_point
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
-from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.core.track.start import HintedStart, Start, start_of_prediction, start_of_two
-from startracker_ros.core.track.tracks import Hint, TrackedAttitude, Tracks
+from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
 """Frames stored for an identification that comes late, and attitudes to check it by:
@@ -137,6 +136,11 @@ class TrackFilter:
     def cross_covariance(self) -> np.ndarray | None:
         """Return that (3, 3) of the errors of attitude and rate, None where it is not known."""
         return self._model.cross_covariance
+
+    @property
+    def acceleration(self) -> Acceleration:
+        """Return the angular acceleration at the last frame."""
+        return self._model.acceleration
 
     @property
     def frame_attitude(self) -> AttitudeEstimate | None:
@@ -347,8 +351,8 @@ class TrackFilter:
             return
         self.acquire_new_stars()
         self._before_ns, self._bank_stamp_ns = self._bank_stamp_ns, stamp_ns
-        frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
         result = self._model.update(stamp_ns, frame, self._tracked_sky)
+        frame = result.frame
         self._stars.lens = self._model.lens
         if self._model.failure:
             self._enter(TrackerState.LOST, self._model.failure)

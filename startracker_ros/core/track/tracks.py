@@ -76,6 +76,18 @@ class TrackedAttitude:
     rate_covariance: np.ndarray
 
 
+class Acceleration(NamedTuple):
+    """
+    An angular acceleration about sensor axes, each (3,) rad/s^2, with its 1 sigma.
+
+    lasts_s is the time in which it changes by as much as it is, 1 sigma.
+    """
+
+    mean: np.ndarray
+    sigma: np.ndarray
+    lasts_s: float
+
+
 class Hint(NamedTuple):
     """
     An attitude from elsewhere: from other heads, or a gyro.

@@ -11,11 +11,12 @@ import numpy as np
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.rotation import (
-    multiply, quaternion_from_rotation_vector, random_attitude)
+    conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
@@ -30,7 +31,9 @@ SIGMA_PX = 0.01
 FRAMES = 300
 _SAMPLE_S = 1e-3
 _PARTS = 15  # of an exposure
+_ITERATIONS = 4  # in which the time of a star's row is found
 _STEADY_DEG_S = 0.02
+_LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class MotionCondition:
     A motion beside a steady turn of 0.02 deg/s, of frames step_s apart and exposed for exposure_s.
 
     kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
-    exposure. stamp_s is the error of the stamps, 1 sigma. needed_percent of the frames that
+    exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a
+    rolling shutter, whose middle row is exposed at the stamp. needed_percent of the frames that
     follow the two of a start must have an attitude.
     """
 
@@ -50,6 +54,7 @@ class MotionCondition:
     timed: bool = True
     step_s: float = 0.1
     stamp_s: float = 0.0
+    line_time_s: float = 0.0
     needed_percent: float = 99.0
 
 
@@ -94,6 +99,14 @@ _STILL = MotionCondition('sway', 0.0, 1.0)
 _SWAYS = ((1.0, 10.0), (0.2, 2.0), (0.05, 1.0), (0.002, 0.2), (0.01, 0.5), (5.0, 100.0),
           (5.0, 20.0))
 
+_ROLLING = {
+    'no sway': _STILL,
+    'sway 0.2 deg, 2 s': MotionCondition('sway', 0.2, 2.0),
+    'sway 0.05 deg, 1 s': MotionCondition('sway', 0.05, 1.0),
+    'ramps of 0.5 deg/s^2, 4 s': MotionCondition('ramps', 0.5, 4.0),
+    'torques of 0.2 deg/s^2, 2 s, exposed 0.02 s': MotionCondition('torques', 0.2, 2.0, 0.02),
+    'steps of 0.05 deg/s each 3 s': MotionCondition('steps', 0.05, 3.0)}
+
 _CONDITIONS = {
     'no sway': _STILL,
     'no sway, exposed 0.1 s': MotionCondition('sway', 0.0, 1.0, 0.1),
@@ -113,6 +126,8 @@ _CONDITIONS = {
     'ramps of 0.02 deg/s^2, 10 s, exposed 0.1 s': MotionCondition('ramps', 0.02, 10.0, 0.1),
     'torques of 0.2 deg/s^2, 2 s, exposed 0.1 s': MotionCondition('torques', 0.2, 2.0, 0.1),
     'torques of 0.01 deg/s^2, 1 s, exposed 0.1 s': MotionCondition('torques', 0.01, 1.0, 0.1),
+    **{f'{name}, rolling shutter': replace(condition, line_time_s=_LINE_TIME_S)
+       for name, condition in _ROLLING.items()},
     'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
 
@@ -146,7 +161,8 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
     pipeline.reset()
     attitude = attitudes(condition, rng, frames)
     # From the first sample an exposure, or an error of a stamp, may reach back.
-    begin_s = condition.exposure_s + 6 * condition.stamp_s
+    begin_s = (condition.exposure_s + 6 * condition.stamp_s
+               + condition.line_time_s * CAMERA.height / 2)
     part_s = condition.exposure_s * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)
     exposure_s = (condition.exposure_s,) * 2 if condition.timed else (0.0, np.inf)
     tally, before = Tally(), TrackerState.LOST
@@ -154,8 +170,10 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
         stamp_s = begin_s + frame * condition.step_s
         exposed_s = stamp_s + rng.normal(0, condition.stamp_s) + part_s
         truth = attitude(np.array([stamp_s]))[0]
-        seen, _ = star_list(onboard_stars(), CAMERA, truth, SIGMA_PX, rng, missing=0.05, false=3,
-                            exposed=attitude(exposed_s))
+        seen, hip = star_list(onboard_stars(), CAMERA, truth, SIGMA_PX, rng, missing=0.05,
+                              false=3, exposed=attitude(exposed_s))
+        if condition.line_time_s:
+            seen = _by_rows(seen, hip, attitude, stamp_s, condition.line_time_s)
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
                                  replace(seen, exposure_s=exposure_s))
         sample_ago = attitude(np.array([stamp_s - _SAMPLE_S]))[0]
@@ -163,6 +181,21 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
                                 rotation_between(sample_ago, truth) / _SAMPLE_S, due=frame >= 2)
         before = result.state
     return tally
+
+
+def _by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], np.ndarray],
+             stamp_s: float, line_time_s: float) -> Centroids:
+    """Return centroids as of a rolling shutter: each star where it is at the time of its row."""
+    star = hip > 0
+    direction = onboard_stars().direction[onboard_stars().index_of(hip[star])]
+    at_stamp = CAMERA.project(rotate(conjugate(attitude(np.array([stamp_s]))[0]), direction))
+    uv = seen.uv.copy()
+    for _ in range(_ITERATIONS):
+        delay_s = (uv[:, 1] - (CAMERA.height - 1) / 2) * line_time_s
+        uv[star] = seen.uv[star] - at_stamp + [
+            CAMERA.project(rotate(conjugate(q), one))
+            for q, one in zip(attitude(stamp_s + delay_s[star]), direction)]
+    return replace(seen, uv=uv, delay_s=delay_s)
 
 
 def attitudes(condition: MotionCondition, rng: np.random.Generator, frames: int

@@ -12,6 +12,7 @@ from startracker_ros.core.maths.rotation import (
     rotate)
 from startracker_ros.core.track.association import DetectionModel, gate_size
 from startracker_ros.core.track.correction import correct, on_image
+from startracker_ros.core.track.motion_models import image_jacobian
 
 CAMERA = Camera(1024, 1024, 4870.0, 4880.0, 505.0, 520.0, (-0.1, 0.05, 1e-3, -1e-3, 0.0))
 Q = quaternion_from_pointing(1.0, 0.3, 0.2)
@@ -39,9 +40,10 @@ def pixels(icrf, turn):
     return CAMERA.project(rotate(conjugate(q), icrf))
 
 
-def corrected(icrf, uv, usable=None):
+def corrected(icrf, uv, usable=None, delay_s=None):
     return correct(CAMERA.lens, icrf, np.ones(len(icrf), bool) if usable is None else usable, 4,
-                   state(), uv, round_errors(np.full(len(uv), SIGMA_PX ** 2)), DETECTION)
+                   state(), uv, round_errors(np.full(len(uv), SIGMA_PX ** 2)),
+                   np.zeros(len(uv)) if delay_s is None else delay_s, DETECTION)
 
 
 def test_the_turn_of_the_stars_is_found():
@@ -88,6 +90,40 @@ def test_too_few_stars_agree_on_nothing():
         assert not found.agreed and not found.innovation.any()
         assert np.count_nonzero(np.isfinite(found.distance)) == 0
         assert found.probability.shape == (8, len(uv) + 1)
+
+
+def test_stars_of_a_rolling_shutter_measure_the_rate_as_well():
+    """By the information filter of six states, of all stars and of the attitude that is left."""
+    rng, icrf, before = np.random.default_rng(5), stars(40), state()
+    delay_s = rng.uniform(-0.03, 0.05, 40)
+    turn, change = TURN / 10, np.array([2e-3, -1e-3, 1.5e-3])
+    uv = np.array([pixels(one[None], turn + change * late)[0]
+                   for one, late in zip(icrf, delay_s)]) + rng.normal(0, SIGMA_PX, (40, 2))
+    found = corrected(icrf, uv, delay_s=delay_s)
+    flow = image_jacobian(CAMERA, CAMERA.unproject(pixels(icrf, np.zeros(3))))
+    design = np.concatenate([flow, delay_s[:, None, None] * flow], -1).reshape(-1, 6) / SIGMA_PX
+    measured = (uv - pixels(icrf, np.zeros(3))).reshape(-1) / SIGMA_PX
+    P = np.linalg.inv(np.linalg.inv(before.covariance[:6, :6]) + design.T @ design)
+    x = P @ design.T @ measured
+    assert found.inlier.all()
+    np.testing.assert_allclose(found.state.covariance[:6, :6], P, rtol=0.02, atol=1e-13)
+    np.testing.assert_allclose(
+        attitude_error(found.state.quaternion, Q), x[:3], atol=0.1 * np.sqrt(P[0, 0]))
+    np.testing.assert_allclose(
+        found.state.rate - before.rate, x[3:], atol=0.1 * np.sqrt(P[3, 3]))
+    # With no knowledge from before the stars alone have the attitude of the least squares.
+    loose = np.linalg.inv(design.T @ design)[:3, :3]
+    alone = np.linalg.inv(found.measured.covariance[:3, :3]) - np.linalg.inv(
+        before.covariance[:3, :3])
+    tight = np.linalg.inv((design.T @ design)[:3, :3])
+    assert (np.diag(tight) < np.diag(np.linalg.inv(alone))).all()
+    assert (np.diag(np.linalg.inv(alone)) < np.diag(loose)).all()
+
+
+def test_without_a_rolling_shutter_the_attitude_is_all_that_is_measured():
+    icrf = stars(20)
+    found = corrected(icrf, pixels(icrf, TURN / 10))
+    np.testing.assert_array_equal(found.measured.covariance, found.state.covariance)
 
 
 def test_tracks_move_with_the_body():

@@ -50,8 +50,8 @@ def frames(ratio, count, seed, gyro_noise=None):
         measured = turned(truth, rng.multivariate_normal(np.zeros(3), R))
         predicted = prediction.state
         turn = rotation_between(predicted.quaternion, measured)
-        noise.add(prediction, predicted.covariance, turn, R)
         state = predicted.with_attitude(np.linalg.inv(R), np.linalg.solve(R, turn))
+        noise.add(prediction, predicted.covariance, state.covariance, turn, R)
         yield noise, state, truth, rate
 
 

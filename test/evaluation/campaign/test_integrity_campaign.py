@@ -13,6 +13,7 @@ from skies import SMALL_CAMERA
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
+from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of, tally_of_rate
 from startracker_ros.sim.sky.detector import DetectorOptions
 
@@ -99,6 +100,14 @@ def test_an_error_of_6_sigma_and_few_arcseconds_is_wrong_but_not_gross():
     tally = tally_of(off, np.eye(3) * 1e-12, truth)
     assert tally.wrong == 1 and tally.gross == 0
     assert tally.worst_sigma == pytest.approx(6) and tally.nees == pytest.approx(36)
+
+
+@pytest.mark.parametrize('name', ['sway 0.2 deg, 2 s', 'ramps of 0.5 deg/s^2, 4 s'])
+def test_a_rolling_shutter_on_a_body_that_changes_its_rate_gives_right_attitudes(name):
+    """The rate before moved the stars to one time: a tenth of the frames were wrong."""
+    tally = motion_runs(f'list, {name}, rolling shutter', 2, 5, frames=100)
+    assert tally.available >= 0.98 * tally.due and tally.wrong == 0
+    assert tally.nees < 4.5 * tally.published
 
 
 def test_a_rate_beyond_its_covariance_is_counted():
