@@ -92,6 +92,23 @@ def test_star_tracker_equals_the_truth(frames):
     assert tracker.process(START_NS, frames[0].image).state == 'ACQUIRING'
 
 
+def test_an_identification_that_begins_anew_leaves_the_attitude_of_its_frame(frames):
+    class Contradicted(st.StarTracker):
+        def identify(self, stamp_ns, centroids):
+            tracks = self.tracker.state == 'TRACKING'
+            found = super().identify(stamp_ns, centroids)
+            if tracks:
+                self.tracker.reset()
+            return found
+
+    tracker = Contradicted(CAMERA, 2026.5, aberration='none', check_period_s=0.1)
+    results = [tracker.process(START_NS + index * STEP_NS, frame.image)
+               for index, frame in enumerate(frames)]
+    published = [result for result in results if result.attitude is not None]
+    assert published and published[0].state == 'LOST'
+    assert published[0].attitude.at(published[0].stamp_ns + STEP_NS).cross_covariance is not None
+
+
 def test_single_stages(frames):
     found = st.extract(frames[0].image, max_stars=30)
     identified = st.identify(found.centroids, CAMERA, epoch_year=2026.5, aberration='none')

@@ -52,7 +52,7 @@ class Attitude(AttitudeEstimate):
         As that of a row of a rolling shutter, by rate and acceleration. The covariance is
         P + dt (C + C^T) + dt^2 P_rate with C = cross_covariance; where that is not known it is the
         bound (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace.
-        An error a of the acceleration adds (a dt^2 / 2)^2.
+        An error a of the acceleration adds (a dt^2 / 2)^2 after the frame.
         """
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
         change = self.shown_rad_s2 * dt_s
@@ -67,7 +67,9 @@ class Attitude(AttitudeEstimate):
             covariance = (1 + other / own) * covariance + (1 + own / other) * by_rate
         # The error is about axes that turn with the sensor.
         turned = matrix_from_quaternion(turn).T
-        moved = np.hypot(self.acceleration_rad_s2, change / self.shown_s) * dt_s
+        # How the body moved before, the frames before have shown.
+        unknown = self.acceleration_rad_s2 * (dt_s > 0)
+        moved = np.hypot(unknown, change / self.shown_s) * dt_s
         return replace(
             self, stamp_ns=stamp_ns, quaternion=multiply(self.quaternion, turn),
             covariance_sensor=(turned @ covariance @ turned.T

@@ -21,6 +21,7 @@ from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.track.frame_motion import rate_between_frames
 from startracker_ros.core.track.rolling_shutter import at_frame_time, fit_rate
 
 
@@ -71,6 +72,7 @@ class IdentificationStage:
         """Forget the predicted attitude and when the last frame was identified."""
         self.body_spots = 0
         self._identified_ns: int | None = None
+        self._before: tuple[int, Centroids] | None = None
         self._recursive = (RecursiveIdentifier(self.identifier, self._gyro)
                            if isinstance(self.identifier, ExtendedGridIdentifier) else None)
 
@@ -110,15 +112,25 @@ class IdentificationStage:
         """
         Identify the frame of a time; return the centroids at that time as well.
 
-        The stars of a rolling shutter are first identified with a wide tolerance; the rate that
-        explains their residuals then moves them to the time of the frame.
+        The stars of a rolling shutter are moved to the time of the frame by the rate between it
+        and the frame before. Without one they are first identified with a wide tolerance, and the
+        rate is that which explains their residuals.
         """
         self._identified_ns = stamp_ns
+        found: Identification | None = None
         if centroids.delay_s.any():
-            centroids = self._at_frame_time(centroids)
-        found = (self.identifier.identify(centroids) if self._recursive is None else
-                 self._recursive.identify(stamp_ns, centroids))
+            seen, centroids = centroids, self._moved_by_frame_before(stamp_ns, centroids)
+            if centroids is not seen:
+                found = self._identify(stamp_ns, centroids)
+            if found is None or found.attitude is None:
+                found, centroids = None, self._at_frame_time(seen)
+        found = found or self._identify(stamp_ns, centroids)
         return self._without_bodies(stamp_ns, found, centroids), centroids
+
+    def _identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
+        if self._recursive is None:
+            return self.identifier.identify(centroids)
+        return self._recursive.identify(stamp_ns, centroids)
 
     def _without_bodies(self, stamp_ns: int, found: Identification, centroids: Centroids
                         ) -> Identification:
@@ -137,6 +149,16 @@ class IdentificationStage:
         return replace(found, hip=np.where(spots, 0, found.hip).astype(np.int32),
                        magnitude=np.where(spots, np.nan, found.magnitude),
                        residual_px=np.where(spots, np.nan, found.residual_px))
+
+    def _moved_by_frame_before(self, stamp_ns: int, centroids: Centroids) -> Centroids:
+        """Return the centroids at the time of the frame, the same where no rate is found."""
+        camera = self.identifier.camera
+        before, self._before = self._before, (stamp_ns, centroids)
+        if before is None:
+            return centroids
+        rate_rad_s = rate_between_frames(
+            camera, before[1], centroids, (stamp_ns - before[0]) * 1e-9)
+        return centroids if rate_rad_s is None else at_frame_time(camera, centroids, rate_rad_s)
 
     def _at_frame_time(self, centroids: Centroids) -> Centroids:
         """Return the centroids at the time of the frame, where their rate can be found."""

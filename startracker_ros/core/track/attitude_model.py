@@ -472,8 +472,10 @@ class AttitudeModel(StarModel):
     @property
     def acceleration(self) -> Acceleration:
         estimate = self._acceleration.estimate
+        # That of a steady turn is no more uncertain than its process noise says.
+        variance = estimate.process if estimate.way == STEADY else estimate.variance
         return Acceleration(
-            estimate.value, np.sqrt(estimate.variance + self._acceleration_rad_s2 ** 2),
+            estimate.value, np.sqrt(variance + self._acceleration_rad_s2 ** 2),
             self._acceleration.lasts_s)
 
     @property

@@ -32,14 +32,13 @@ FRAMES = 300
 _SAMPLE_S = 1e-3
 _PARTS = 15  # of an exposure
 _ITERATIONS = 4  # in which the time of a star's row is found
-_STEADY_DEG_S = 0.02
-_LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
+LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
 
 
 @dataclass(frozen=True)
 class MotionCondition:
     """
-    A motion beside a steady turn of 0.02 deg/s, of frames step_s apart and exposed for exposure_s.
+    A motion beside a steady turn, of frames step_s apart and exposed for exposure_s.
 
     kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
     exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a
@@ -55,6 +54,7 @@ class MotionCondition:
     step_s: float = 0.1
     stamp_s: float = 0.0
     line_time_s: float = 0.0
+    steady_deg_s: float = 0.02
     needed_percent: float = 99.0
 
 
@@ -126,7 +126,7 @@ _CONDITIONS = {
     'ramps of 0.02 deg/s^2, 10 s, exposed 0.1 s': MotionCondition('ramps', 0.02, 10.0, 0.1),
     'torques of 0.2 deg/s^2, 2 s, exposed 0.1 s': MotionCondition('torques', 0.2, 2.0, 0.1),
     'torques of 0.01 deg/s^2, 1 s, exposed 0.1 s': MotionCondition('torques', 0.01, 1.0, 0.1),
-    **{f'{name}, rolling shutter': replace(condition, line_time_s=_LINE_TIME_S)
+    **{f'{name}, rolling shutter': replace(condition, line_time_s=LINE_TIME_S)
        for name, condition in _ROLLING.items()},
     'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
@@ -173,7 +173,7 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
         seen, hip = star_list(onboard_stars(), CAMERA, truth, SIGMA_PX, rng, missing=0.05,
                               false=3, exposed=attitude(exposed_s))
         if condition.line_time_s:
-            seen = _by_rows(seen, hip, attitude, stamp_s, condition.line_time_s)
+            seen = by_rows(seen, hip, attitude, stamp_s, condition.line_time_s)
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
                                  replace(seen, exposure_s=exposure_s))
         sample_ago = attitude(np.array([stamp_s - _SAMPLE_S]))[0]
@@ -183,7 +183,7 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
     return tally
 
 
-def _by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], np.ndarray],
+def by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], np.ndarray],
              stamp_s: float, line_time_s: float) -> Centroids:
     """Return centroids as of a rolling shutter: each star where it is at the time of its row."""
     star = hip > 0
@@ -208,7 +208,7 @@ def attitudes(condition: MotionCondition, rng: np.random.Generator, frames: int
     angle = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * _SAMPLE_S)])
     axis, other = rng.standard_normal((2, 3))
     axis, other = axis / np.linalg.norm(axis), other / np.linalg.norm(other)
-    steady, start = np.radians(_STEADY_DEG_S) * other, random_attitude(rng)
+    steady, start = np.radians(condition.steady_deg_s) * other, random_attitude(rng)
 
     def at(times_s: np.ndarray) -> np.ndarray:
         return np.array([multiply(start, multiply(

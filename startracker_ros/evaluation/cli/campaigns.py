@@ -109,6 +109,9 @@ _campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
           trials_option(200, 'Nights of each kind of lens, lists of each kind without a sky.'),
           only_option('Kinds'),
           scheduler_option, known='KINDS', kind='kind')
+_campaign('sub-frames', 'campaign.sub_frames:run_sub_frames_campaign',
+          'Attitudes at 160 Hz out of frames at 10 Hz of a rolling shutter, beside their bound.',
+          trials_option(40, 'Runs of 120 frames of each motion.'), scheduler_option)
 _campaign('heads', 'campaign.heads:run_heads_campaign',
           'Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads.',
           trials_option(50, 'Runs of 2000 frames for each figure, a 25th of them for learning '
