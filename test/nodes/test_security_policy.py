@@ -29,7 +29,7 @@ VARIANTS = {
     'sky_simulator': ({}, {'motion': 'topic'}),
     'camera_calibrator': ({}, {'calibration_mode': 'apply'}),
     'star_identifier': ({}, {'method': 'extended_grid'}),
-    'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'},
+    'attitude_estimator': ({'source': 'tracks', 'sub_frames': 2}, {'source': 'stars'},
                            {'publish_frames': True, 'body_frame_id': 'body'})}
 
 

@@ -27,7 +27,8 @@ def rate_between_frames(camera: Camera, before: Centroids, after: Centroids, dt_
     """
     if not 0 < dt_s <= LONGEST_S:
         return None
-    first, second = (frame.select(np.argsort(-frame.flux)[:BRIGHTEST]) for frame in (before, after))
+    first, second = (frame.select(np.argsort(-frame.flux)[:BRIGHTEST])
+                     for frame in (before, after))
     moved = second.uv - first.uv[:, None]
     ratio = np.abs(np.log(second.flux / first.flux[:, None]))
     reach_px = MOST_RATE_RAD_S * dt_s / camera.pixel_rad

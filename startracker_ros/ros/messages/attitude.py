@@ -3,16 +3,17 @@
 
 """The attitude as quaternion, pose with covariance, Imu and transform."""
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
+from geometry_msgs.msg import (
+    AccelWithCovarianceStamped, PoseWithCovarianceStamped, QuaternionStamped, TransformStamped)
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
-from startracker_ros.core.track.tracks import Hint, TrackedAttitude
+from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.io.bags.telemetry import unit_quaternion
-from startracker_ros.ros.messages.header import quaternion_to_geometry
+from startracker_ros.ros.messages.header import quaternion_to_geometry, vector_to_geometry
 from std_msgs.msg import Header
 
 
@@ -102,6 +103,27 @@ def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
                          np.nan),
         np.array([rate.x, rate.y, rate.z]),
         np.reshape(message.angular_velocity_covariance, (3, 3)))
+
+
+def acceleration_to_message(acceleration: Acceleration, header: Header
+                            ) -> AccelWithCovarianceStamped:
+    """Return `tracked_acceleration`, angular in rad/s^2 about sensor axes: linear zero."""
+    message = AccelWithCovarianceStamped(header=header)
+    message.accel.accel.angular = vector_to_geometry(acceleration.mean)
+    message.accel.covariance = rotation_covariance(np.diag(acceleration.sigma ** 2)).ravel()
+    return message
+
+
+def acceleration_from_message(message: AccelWithCovarianceStamped
+                              ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angular acceleration (3,) and its 1 sigma (3,); MessageError for none."""
+    a = message.accel.accel.angular
+    mean = np.array([a.x, a.y, a.z])
+    variance = np.diag(np.reshape(message.accel.covariance, (6, 6)))[3:]
+    if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance >= 0).all()):
+        raise MessageError(f'angular acceleration {mean.tolist()} with variances '
+                           f'{variance.tolist()} is none')
+    return mean, np.sqrt(variance)
 
 
 def hint_to_imu(hint: Hint, header: Header) -> bytes:

@@ -29,6 +29,7 @@ from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import tracks_from_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
+from startracker_ros.ros.sub_frame_output import SubFrameOptions, SubFrameOutput
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,15 @@ class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
     option_classes = (SourceOptions, ValidationOptions, ProtectionOptions, FrameOptions,
-                      ExtraFrameOptions, MountOptions, AttitudeImuOptions, AberrationOptions)
+                      ExtraFrameOptions, MountOptions, AttitudeImuOptions, SubFrameOptions,
+                      AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
         super().__init__('attitude_estimator')
         self._observer = OdometryInput(self, FrameOptions)
         self._output = AttitudeOutput(self, self._observer)
+        self._sub_frames = SubFrameOutput(self)
         # The attitude is in one message, the stars that it is checked against are in the other.
         self._pairs = FramePairs('tracks', 'tracked_attitude')
         if self.options(SourceOptions).source == 'tracks':
@@ -66,6 +69,7 @@ class AttitudeEstimatorNode(CameraNode):
         self._observer.rebuild()
         self._output.rebuild()
         self._pairs.clear()
+        self._sub_frames.clear()
 
     def builder(self, camera: Camera, epoch_year: float) -> Callable[[], AttitudeStage]:
         return partial(AttitudeStage, camera, epoch_year, self.options(ValidationOptions),
@@ -109,7 +113,10 @@ class AttitudeEstimatorNode(CameraNode):
         solver = self.options(ValidationOptions).solver
         if solver != ValidationOptions.solver:
             self.diagnostics.report_event(UNUSED_SOLVER.format(solver))
-        self._output.publish(stamp_ns, self._stage.from_tracks(stamp_ns, tracks, tracked), tracked)
+        result = self._stage.from_tracks(stamp_ns, tracks, tracked)
+        self._output.publish(stamp_ns, result, tracked)
+        if tracked is not None:
+            self._sub_frames.add(stamp_ns, result.attitude, tracked)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)

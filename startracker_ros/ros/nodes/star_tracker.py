@@ -6,6 +6,7 @@
 from dataclasses import replace
 from functools import partial
 
+from geometry_msgs.msg import AccelWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.astro.exclusion import ExclusionOptions
@@ -24,7 +25,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
-    attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
+    acceleration_to_message, attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.clouds import tracks_to_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import main_of, publish_if_subscribed
@@ -46,6 +47,8 @@ class StarTrackerNode(CameraNode):
         self.frame_topic = 'centroids'
         self._tracks = self.advertise(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.advertise(Imu, 'tracked_attitude', qos.LIST)
+        self._acceleration = self.advertise(
+            AccelWithCovarianceStamped, 'tracked_acceleration', qos.LIST)
         self._frame_attitude = self.advertise(Imu, 'frame_attitude', qos.LIST)
         self._predicted = PredictionsOutput(self)
         self._target = TargetOutput(self)
@@ -94,6 +97,9 @@ class StarTrackerNode(CameraNode):
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, header))
+        if self._tracker.attitude is not None:
+            publish_if_subscribed(self._acceleration, lambda: acceleration_to_message(
+                self._tracker.acceleration, header))
         publish_if_subscribed(self._frame_attitude, lambda: attitude_to_imu(
             self._tracker.frame_attitude, header))
         self._tracks.publish(tracks_to_message(tracks, camera, header))
