@@ -186,6 +186,8 @@ class AttitudeFusion:
             head.counts['agreeing, not counted yet'] += 1
             return None
         state = predicted.updated(innovation)
+        if newest:
+            state = self.motion.learnt(before, predicted, innovation, state, factor)
         if self._gave_up(state):
             return None
         head.counts['used'] += 1
@@ -195,8 +197,9 @@ class AttitudeFusion:
         if not newest or (head.counts['used'] % _PLAUSIBLE_FRAMES == 0
                           and self._has_implausible_mounts(frame.stamp_ns)):
             return None
-        if factor == 1:
-            self.motion.compare_gyro(before, state)
+        if factor == 1 and self.motion.compare_gyro(head.name, before, state, innovation.measured):
+            self._history[-1] = self._history[-1]._replace(state=state.with_unknown_motion(
+                _START_RAD_S, self.motion.drift_sigma_rad_s))
         return self._result()
 
     def _gave_up(self, state: FusedState) -> bool:
@@ -374,6 +377,7 @@ class AttitudeFusion:
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
+        self.motion.started()
         self.mounts.follow(entries[-1].state)
         self._factor, self._manoeuvre_frames = entries[-1].factor, MANOEUVRE_FRAMES
         for entry in entries:

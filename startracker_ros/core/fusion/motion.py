@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions
+from startracker_ros.core.fusion.motion_level import MotionLevel
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.fusion.state import FusedState, GATE
+from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation, Measurement
 from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.track.gyro_agreement import GyroAgreement
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 GYRO_SILENCE_S = 1.0
@@ -31,17 +33,20 @@ class BodyMotion:
         self._gyro_options = gyro_options
         self._walk = walk
         self._density = math.radians(options.acceleration_deg_s2) ** 2 * _ACCELERATION_S
+        self._level = MotionLevel()
         self.reset()
 
     def reset(self) -> None:
         """Forget the rates."""
         self._gyro = Gyro(self._gyro_options)
+        self._level.reset()
         self.gyro_trouble = ''
         self.forget_gyro()
 
     def forget_gyro(self) -> None:
         """Use the gyro only after it has agreed with the heads anew."""
-        self.uses_gyro, self._agreed = False, 0
+        self.uses_gyro = False
+        self._agreements: dict[str, GyroAgreement] = {}
 
     @property
     def drift_sigma_rad_s(self) -> float:
@@ -99,32 +104,66 @@ class BodyMotion:
 
     def at_constant_rate(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
         """Return the same without the gyro."""
-        return state.at_constant_rate(to_ns, factor ** 2 * self._density,
+        return state.at_constant_rate(to_ns, factor ** 2 * self._level.level * self._density,
                                       self._gyro.drift_density, self._walk)
 
-    def compare_gyro(self, before: FusedState, after: FusedState) -> None:
-        """Compare the gyro with the rate of the heads after two frames."""
-        gyro = self._gyro
-        if (self.uses_gyro or after.stamp_ns <= before.stamp_ns
-                or abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S):
-            return
-        if gyro.is_saturated(after.stamp_ns, GYRO_SILENCE_S):
-            self._agreed = 0
-            return
+    def started(self) -> None:
+        """Know nothing of the motion without a gyro until the heads show it."""
+        self._level.doubt()
+
+    def learnt(self, before: FusedState, predicted: FusedState, innovation: Innovation,
+               corrected: FusedState, factor: float) -> FusedState:
+        """Return a corrected state by what its frame says of the motion without a gyro."""
+        if factor != 1 or self.gyro_runs(predicted.stamp_ns):
+            self._level.interrupt()
+            return corrected
+        return self._level.add(before, predicted, innovation, corrected,
+                               self._level.level * self._density)
+
+    def compare_gyro(self, name: str, before: FusedState, after: FusedState,
+                     measured: Measurement) -> bool:
+        """
+        Compare the gyro with the heads after a frame of a head, which measures the body.
+
+        Return whether it is used no more: the rate of the state after is a wrong one then.
+        """
+        gyro, agreement = self._gyro, self._agreements.setdefault(name, GyroAgreement(self._gyro))
+        if after.stamp_ns <= before.stamp_ns:
+            return False
+        if (abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S
+                or gyro.is_saturated(after.stamp_ns, GYRO_SILENCE_S)):
+            agreement.interrupt()
+            return False
         if self._is_behind(after.stamp_ns):
-            self._agreed = 0
-            self.gyro_trouble = f'imu is {gyro.silent_s(after.stamp_ns):.2g} s behind the heads'
-            return
-        measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
-        innovation = measured - after.rate
+            agreement.interrupt()
+            if not self.uses_gyro:
+                silent_s = gyro.silent_s(after.stamp_ns)
+                self.gyro_trouble = f'imu is {silent_s:.2g} s behind the heads'
+            return False
+        rate, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
+        reported = f'imu reports {_deg_s(rate)} deg/s about x, y, z of the body, '
+        contradicts = agreement.add(
+            after.stamp_ns, measured.quaternion, measured.covariance, after.drift,
+            after.covariance[6:BODY, 6:BODY])
+        if contradicts:
+            for one in self._agreements.values():
+                one.contradict()
+            self.gyro_trouble = reported + (
+                f'{name} does not turn so: is it in rad/s, on the axes of the body, and '
+                'gyro_drift_deg_h right?')
+        if self.uses_gyro:
+            self.uses_gyro = not contradicts
+            return contradicts
+        innovation = rate - after.rate
         S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
         if innovation @ np.linalg.solve(S, innovation) > GATE:
-            self._agreed = 0
-            rates = [' '.join(f'{value:.4f}' for value in np.degrees(rate))
-                     for rate in (measured, after.rate)]
-            self.gyro_trouble = (f'imu reports {rates[0]} deg/s about x, y, z of the body, the '
-                                 f'heads {rates[1]}')
-            return
-        self._agreed += 1
-        if self._agreed >= GYRO_FRAMES:
+            for one in self._agreements.values():
+                one.interrupt()
+            self.gyro_trouble = reported + f'the heads {_deg_s(after.rate)}'
+        elif agreement.is_enough(GYRO_FRAMES):
             self.uses_gyro, self.gyro_trouble = True, ''
+        return False
+
+
+def _deg_s(rate_rad_s: np.ndarray) -> str:
+    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))

@@ -126,6 +126,13 @@ class FusedState(NamedTuple):
             covariance=filter_steps.propagated(
                 self.covariance, turn, (0.0, -dt_s, 0.0, -1.0), noise, walk * dt_s))
 
+    def with_unknown_motion(self, rate_sigma: float, drift_sigma: float) -> 'FusedState':
+        """Return the state with a rate and a drift (zero) of these 1-sigma errors in rad/s."""
+        covariance = self.covariance.copy()
+        covariance[3:BODY], covariance[:, 3:BODY] = 0.0, 0.0
+        covariance[3:BODY, 3:BODY] = np.diag(np.repeat([rate_sigma ** 2, drift_sigma ** 2], 3))
+        return self._replace(drift=np.zeros(3), covariance=covariance)
+
     @property
     def has_covariance(self) -> bool:
         """Whether the covariance is one: finite, no variance negative, positive definite."""

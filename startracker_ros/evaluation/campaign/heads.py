@@ -17,7 +17,7 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.heads_hint import hint_rows, hint_runs
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
 from startracker_ros.evaluation.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
 from startracker_ros.evaluation.campaign.parallel import Trials
@@ -155,6 +155,25 @@ def _frame_cpu_us(scene: Scene, seed: int) -> float:
     return (time.process_time() - begin_s) / frames * 1e6
 
 
+_MOTIONS = {
+    'no gyro, constant rate': Scene(_seconds(3), gyro=False, wobble_deg_s=0.0),
+    'no gyro, rate that varies by 0.3 deg/s in 100 s': Scene(
+        _seconds(3), gyro=False, wobble_deg_s=0.3),
+    'no gyro, rate that varies by 2 deg/s in 100 s': Scene(
+        _seconds(3), gyro=False, wobble_deg_s=2.0),
+    'no gyro, random accelerations of 0.02 deg/s^2': Scene(
+        _seconds(3), gyro=False, wobble_deg_s=0.0, acceleration_deg_s2=0.02),
+    **{f'gyro with {wrong}': Scene(_seconds(3), turn_deg_s=0.3, wobble_deg_s=0.5, wrong_gyro=wrong)
+       for wrong in WRONG_GYROS}}
+
+
+def motions(motion: str, seed: int) -> list[float]:
+    """Return sum of NEES, fused frames, wrong and gross ones."""
+    _, _, outcomes = _run(_MOTIONS[motion], _KNOWN, seed)
+    errors, covariances = errors_of(outcomes)
+    return [nees_of(errors, covariances).sum(), len(errors), *_wrong(errors, covariances)]
+
+
 def faults(fault: str, seed: int) -> list[float]:
     """Return fused, wrong and gross frames and those until the exclusion."""
     begin_s = 30.0 if fault == 'jump of 1 deg' else 0.0
@@ -226,8 +245,8 @@ def steps(seed: int) -> list[float]:
 
 
 _RUNS: dict[str, Callable[..., Sequence[float] | np.ndarray]] = {
-    'two heads': two_heads, 'dropping': dropping, 'faults': faults, 'understated': understated,
-    'bending': bending, 'steps': steps}
+    'two heads': two_heads, 'dropping': dropping, 'motions': motions, 'faults': faults,
+    'understated': understated, 'bending': bending, 'steps': steps}
 """One run each, of a case where the task has several, by its seed."""
 
 _PARTS: dict[str, Callable[..., np.ndarray]] = {
@@ -248,6 +267,7 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     """Fuse heads in so many runs of FRAMES frames for each figure; only names tasks."""
     long_runs = max(1, trials // _LONG_RUNS)
     cases = [('two heads', '', trials), ('snapshots', '', trials), ('dropping', '', trials),
+             *(('motions', motion, trials) for motion in _MOTIONS),
              *(('faults', fault, trials) for fault in FAULTS),
              *(('understated', heads, trials) for heads in _UNDERSTATED_HEADS),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
@@ -262,7 +282,8 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     return Result('campaign heads', all_rows, {
         'heads': 'boresights 90 deg apart, 5 Hz at other times, errors of frame_attitude: '
                  + ' '.join(f'{sigma:g}' for sigma in SIGMA_ARCSEC) + ' arcsec about x, y, z',
-        'gyro': '20 Hz, 0.15 deg/sqrt(h), 1 deg/h; none for the rows of two heads',
+        'gyro': '20 Hz, 0.15 deg/sqrt(h), 1 deg/h; none for the rows of two heads and "no gyro"',
+        'gyro with ...': 'body at 0.3 deg/s, which varies by 0.5 deg/s in 100 s',
         'dropping': 'each head is blinded for 15 s in turn; delays of 0, 0.12 and 0.03 s',
         'faults': 'mounts known to 3 arcsec, body at 0.1 deg/s; wrong: ' + WRONG_TEXT,
         'bending': 'frames of 1 Hz, the fourth orbit after three',
@@ -294,6 +315,14 @@ def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
             Row('heads drop in and out: fused frames', frames, 'frames'),
             *_wrong_rows('heads drop in and out', wrong, gross),
             Row('processor time of a frame', cpu_us, 'us', most=300)]
+
+
+def _rows_motions(case: str, rows: np.ndarray) -> list[Row]:
+    nees, frames, wrong, gross = rows.sum(axis=0)
+    return [Row(f'{case}: mean NEES', nees / frames, '', least=2.0, most=3.8),
+            Row(f'{case}: wrong attitudes', wrong, 'frames', f'<= {WRONG_SHARE:g} of the frames',
+                wrong <= WRONG_SHARE * frames),
+            Row(f'{case}: gross attitudes', gross, 'frames', exactly=0)]
 
 
 def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
@@ -333,8 +362,8 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
 
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
-         'faults': _rows_faults, 'understated': _rows_understated, 'bending': _rows_bending,
-         'steps': _rows_steps, 'hint': hint_rows, 'tracker': tracker_rows}
+         'motions': _rows_motions, 'faults': _rows_faults, 'understated': _rows_understated,
+         'bending': _rows_bending, 'steps': _rows_steps, 'hint': hint_rows, 'tracker': tracker_rows}
 
 TASKS = tuple(_ROWS)
 """What can be run alone."""

@@ -3,7 +3,7 @@
 
 """Three heads on a body that turns: measured attitudes with the error model of the tracker."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,6 +27,11 @@ tracker at 12 deg, 1024 px and centroids of 0.1 px."""
 
 UNDERSTATED, UNDERSTATED_BY = 'errors 3 times as large as the covariance says', 3.0
 
+WRONG_GYROS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    'axes swapped': lambda rate: rate[[1, 2, 0]], 'a wrong sign': lambda rate: rate * [1, -1, 1],
+    'a scale of 1.1': lambda rate: 1.1 * rate,
+    'a drift of 0.02 deg/s': lambda rate: rate + np.radians([0.02, 0.0, 0.0])}
+
 # Boresights along z, x and y of the body.
 _BORESIGHTS = ((0, 0, 1), (1, 0, 0), (0, 1, 0))
 
@@ -47,7 +52,8 @@ class Scene:
     acceleration_deg_s2 a white acceleration that lasts for 0.1 s. drop_s is the time for which
     one head after the other is blinded, 0 for none. bend_arcsec is the rms of a misalignment with
     the period of an orbit, temperature_arcsec_k of one with the temperature, step_arcsec that of a
-    step of the last head at step_s. fault is what faulty_heads have from fault_s on.
+    step of the last head at step_s. fault is what faulty_heads have from fault_s on; wrong_gyro a
+    key of WRONG_GYROS, empty for a right one.
     """
 
     seconds: float
@@ -68,6 +74,7 @@ class Scene:
     fault: str = ''
     fault_s: float = 0.0
     faulty_heads: int = 1
+    wrong_gyro: str = ''
 
 
 class Outcome(NamedTuple):
@@ -177,7 +184,9 @@ class SceneRun:
         for arrival_s, tick, head in self._frames():
             while self.scene.gyro and (fed + 1) * self._dt_s <= arrival_s + 1e-9:
                 fed += 1
-                yield -1, fed, gyro.measure(self._rates[fed], self._dt_s)
+                rate = gyro.measure(self._rates[fed], self._dt_s)
+                wrong = self.scene.wrong_gyro
+                yield -1, fed, WRONG_GYROS[wrong](rate) if wrong else rate
             yield head, tick, HeadFrame(
                 self.stamp_ns(tick), self._measure(head, tick, tick * self._dt_s), covariance)
 

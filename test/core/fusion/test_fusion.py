@@ -17,7 +17,8 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY,
+    WRONG_GYROS)
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
@@ -314,6 +315,31 @@ def test_nees_with_gyro_and_heads_that_drop_out_and_no_jump():
     assert np.max(np.abs(errors) / sigma) < 4.5
 
 
+@pytest.mark.parametrize('scene', [
+    Scene(40.0, gyro=False, wobble_deg_s=0.5), Scene(40.0, gyro=False, wobble_deg_s=2.0, heads=2),
+    Scene(40.0, gyro=False, wobble_deg_s=0.0, acceleration_deg_s2=0.02, heads=2)])
+def test_without_a_gyro_the_covariance_is_that_of_a_body_that_changes_its_rate(scene):
+    """By the process noise of the options a tenth of the frames were wrong."""
+    for seed in range(3):
+        run = SceneRun(scene, np.random.default_rng(seed))
+        outcomes = list(run.events(AttitudeFusion(run.mount_file(), FusionOptions(), KNOWN)))
+        errors, covariances = errors_of(outcomes)
+        assert len(errors) > 0.95 * 40.0 / 0.2 * scene.heads
+        assert not count_wrong(errors, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))).wrong
+        assert 1.8 < nees_of(errors, covariances).mean() < 3.8
+
+
+@pytest.mark.parametrize('wrong', WRONG_GYROS)
+def test_a_gyro_that_is_a_little_wrong_is_named_and_does_no_harm(wrong):
+    run = SceneRun(Scene(60.0, turn_deg_s=0.3, wobble_deg_s=0.5, wrong_gyro=wrong),
+                   np.random.default_rng(1))
+    fusion = AttitudeFusion(run.mount_file(), FusionOptions(), KNOWN)
+    errors, covariances = errors_of(list(run.events(fusion)))
+    assert not count_wrong(errors, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))).wrong
+    assert len(errors) > 850 and nees_of(errors, covariances).mean() < 3.8
+    assert not fusion.motion.uses_gyro and 'imu reports' in fusion.motion.gyro_trouble
+
+
 @pytest.mark.parametrize('error_arcsec', [2.0, 8.0, 15.0, 25.0, 60.0])
 def test_a_head_that_returns_moves_the_attitude_by_3_sigma_at_most(error_arcsec):
     heads = Heads(2, mount_options=KNOWN)
@@ -428,7 +454,7 @@ def test_a_gyro_at_its_range_is_named_and_not_used():
                     START_NS + round((begin_s + 0.05 * (tick + 1)) * 1e9), rate)
             result = heads.run(1)[-1]
         return result
-    run(10, RATE)
+    run(12, RATE)
     assert motion.uses_gyro and motion.gyro_trouble == ''
     result = run(3, np.radians([0.0, 6.0, 0.0]))
     assert not motion.uses_gyro and 'gyro_range_deg_s' in motion.gyro_trouble

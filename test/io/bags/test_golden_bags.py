@@ -11,8 +11,11 @@ purpose makes the bags anew.
 from collections import defaultdict
 from functools import lru_cache
 from pathlib import Path
+import subprocess
+import sys
 
 from chi_square import check_mean
+from limits import HANGS_S
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -175,3 +178,18 @@ def test_dropouts_are_bridged() -> None:
     assert frames == set(range(2, 60)) - gone
     states = [message.message for message in recorded('dropouts')['/tracker_state']]
     assert set(states[1:]) == {'TRACKING'}
+
+
+def test_they_can_be_made_anew(tmp_path) -> None:
+    subprocess.run([sys.executable, FOLDER / 'make.py', tmp_path], check=True, timeout=HANGS_S)
+    for name in NAMES:
+        made, kept = defaultdict(list), defaultdict(list)
+        for folder, topics in ((tmp_path, made), (FOLDER, kept)):
+            for record in read_messages(folder / name):
+                topics[record.topic].append(record)
+        assert made.keys() == kept.keys()
+        for topic in ('/image_raw', '/imu', '/odometry', '/truth/attitude', '/centroids'):
+            assert [each.log_time_ns for each in made[topic]] == [
+                each.log_time_ns for each in kept[topic]]
+        attitudes_made = len(made['/attitude'])
+        assert abs(attitudes_made - len(kept['/attitude'])) <= 2 * FRAMES

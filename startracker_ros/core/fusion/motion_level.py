@@ -1,0 +1,81 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How much the rate of a body without a gyro changes, by the innovations of the heads.
+
+The process noise is level times the assumed one. With P_Q the part of the covariance by it, the
+score of process_noise.py tells by how much it is off: where the sum of the scores of the frames
+so far is beyond SURE standard deviations, the level is k times as large, and so is P_Q.
+"""
+
+import numpy as np
+from startracker_ros.core.fusion.state import BODY, FusedState, Innovation
+from startracker_ros.core.maths.rotation import (
+    matrix_from_quaternion, quaternion_from_rotation_vector)
+from startracker_ros.core.track.process_noise import add_frame, ASSUMED, Memory
+
+SURE = 3.0
+FIRST = 100.0  # of a body of which no frame has shown how it moves
+MOST, LEAST = 100.0, 0.2  # times as large at once
+HIGHEST = 1e8  # of the level, beyond which nothing is predicted
+
+
+class MotionLevel:
+    """Learns level, 1 or more, by frames in turn that no gyro predicts."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Assume the process noise that the options state."""
+        self.level = 1.0
+        self._memory = Memory(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3),
+                              np.zeros(3))
+
+    def doubt(self) -> None:
+        """Know nothing of how the body moves until its frames show it."""
+        self.interrupt()
+        self.level = max(self.level, FIRST)
+
+    def interrupt(self) -> None:
+        """Take all of the covariance as known: what comes next is predicted in another way."""
+        for array in self._memory:
+            array.fill(0.0)
+
+    def add(self, before: FusedState, predicted: FusedState, innovation: Innovation,
+            corrected: FusedState, density: float) -> FusedState:
+        """
+        Add the prediction of a frame at a constant rate and its correction; return the latter.
+
+        density rad^2/s^3 is that of the prediction. Where the level changes, so does the
+        covariance of the state.
+        """
+        memory, dt_s = self._memory, (predicted.stamp_ns - before.stamp_ns) * 1e-9
+        transition, process = np.eye(BODY), np.zeros((BODY, BODY))
+        transition[:3, :3] = matrix_from_quaternion(
+            quaternion_from_rotation_vector(-before.rate * dt_s))
+        for axis in range(3):
+            rate = 3 + axis
+            transition[axis, rate] = dt_s
+            process[axis, axis] = density * dt_s ** 3 / 3
+            process[axis, rate] = process[rate, axis] = density * dt_s ** 2 / 2
+            process[rate, rate] = density * dt_s
+        P = np.ascontiguousarray(predicted.covariance[:BODY, :BODY])
+        add_frame(memory, transition, process, P,
+                  np.ascontiguousarray(corrected.covariance[:BODY, :BODY]), innovation.vector,
+                  np.linalg.inv(innovation.information) - P[:3, :3])
+        score, information = memory.score.sum(), memory.information.sum()
+        if abs(score) <= SURE * np.sqrt(information):
+            return corrected
+        k = min(max(1 + score / (information + ASSUMED), LEAST, 1 / self.level), MOST,
+                HIGHEST / self.level)
+        if k == 1:
+            return corrected
+        self.level *= k
+        covariance = corrected.covariance.copy()
+        covariance[:BODY, :BODY] += (k - 1) * memory.share
+        memory.share[:] *= k
+        for array in memory[1:]:
+            array.fill(0.0)
+        return corrected._replace(covariance=covariance)
