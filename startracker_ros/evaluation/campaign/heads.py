@@ -363,7 +363,8 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
          'motions': _rows_motions, 'faults': _rows_faults, 'understated': _rows_understated,
-         'bending': _rows_bending, 'steps': _rows_steps, 'hint': hint_rows, 'tracker': tracker_rows}
+         'bending': _rows_bending, 'steps': _rows_steps, 'hint': hint_rows,
+         'tracker': tracker_rows}
 
 TASKS = tuple(_ROWS)
 """What can be run alone."""
