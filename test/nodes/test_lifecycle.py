@@ -43,7 +43,7 @@ def start_all(nodes, probe, folder, sky_data):
         'bag_recorder': {'folder': str(folder / 'bag'), 'topics': ['/image_raw', '/attitude']},
         'camera_calibrator': {'calibration_mode': 'propose'},
         # Topics that are advertised on request only.
-        'attitude_estimator': {'publish_frames': True, 'body_frame_id': 'body'}}
+        'attitude_estimator': {'publish_frames': True, 'body_frame_id': 'body', 'sub_frames': 2}}
     # Several sources of images in one namespace would be several cameras for one pipeline.
     place = {'image_publisher': 'files', 'camera_source': 'camera'}
     for node in NODES:
