@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
@@ -13,7 +14,7 @@ from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.track_filter import TrackerState
-from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude, Tracks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +40,22 @@ class Attitude(AttitudeEstimate):
     shown_s: float = math.inf
     cross_covariance: np.ndarray | None = None
     protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
+
+    @classmethod
+    def of(cls, stamp_ns: int, own: AttitudeEstimate, tracked: TrackedAttitude,
+           acceleration: Acceleration, **known: Any) -> 'Attitude':
+        """Return a trusted attitude with the motion of the tracker; known are other fields."""
+        return cls(
+            quaternion=own.quaternion, covariance_sensor=own.covariance_sensor, stars=own.stars,
+            residual_rad=own.residual_rad, chi2=own.chi2, stamp_ns=stamp_ns,
+            rate_rad_s=tracked.rate_rad_s, rate_covariance=tracked.rate_covariance,
+            acceleration_rad_s2=acceleration.sigma, shown_rad_s2=acceleration.mean,
+            shown_s=acceleration.lasts_s, **known)
+
+    def sub_frames(self, count: int, interval_ns: int) -> list['Attitude']:
+        """Return at() of so many times, evenly over a frame interval about stamp_ns."""
+        return [self.at(self.stamp_ns + round(((k + 0.5) / count - 0.5) * interval_ns))
+                for k in range(count)]
 
     @property
     def covariance_icrf(self) -> np.ndarray:

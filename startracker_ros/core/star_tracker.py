@@ -15,7 +15,6 @@ import numpy as np
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
-from startracker_ros.core.attitude.validation import TrustedAttitude
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog
@@ -30,7 +29,7 @@ from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
 from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.track.track_filter import TrackerState
-from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+from startracker_ros.core.track.tracks import Tracks
 
 
 class StarTracker:
@@ -177,7 +176,10 @@ class StarTracker:
         attitude: Attitude | None = None
         if trusted.attitude is not None and tracked is not None:
             # Before an identification that may begin anew.
-            attitude = self._published(stamp_ns, trusted, tracked)
+            attitude = Attitude.of(
+                stamp_ns, trusted.attitude, tracked, self.tracker.acceleration,
+                cross_covariance=self.tracker.cross_covariance,
+                protection_rad=trusted.protection_rad)
         found = None if idle else self.identify(stamp_ns, centroids)
         reasons = [extraction_reason]
         if attitude is not None:
@@ -188,19 +190,6 @@ class StarTracker:
                 reasons.append(found.reason)
         return FrameResult(stamp_ns, centroids, found, tracks, tracked, attitude,
                            self.tracker.state, '; '.join(dict.fromkeys(filter(None, reasons))))
-
-    def _published(self, stamp_ns: int, trusted: TrustedAttitude, tracked: TrackedAttitude
-                   ) -> Attitude:
-        """Return the trusted attitude of a frame with the motion of the tracker."""
-        own, acceleration = trusted.attitude, self.tracker.acceleration
-        assert own is not None
-        return Attitude(
-            quaternion=own.quaternion, covariance_sensor=own.covariance_sensor,
-            stars=own.stars, residual_rad=own.residual_rad, chi2=own.chi2, stamp_ns=stamp_ns,
-            rate_rad_s=tracked.rate_rad_s, rate_covariance=tracked.rate_covariance,
-            cross_covariance=self.tracker.cross_covariance,
-            acceleration_rad_s2=acceleration.sigma, shown_rad_s2=acceleration.mean,
-            shown_s=acceleration.lasts_s, protection_rad=trusted.protection_rad)
 
 
 def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:

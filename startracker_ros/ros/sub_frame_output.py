@@ -6,13 +6,12 @@
 from dataclasses import dataclass, replace
 
 from geometry_msgs.msg import AccelWithCovarianceStamped
-import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.frame_result import Attitude
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.track.acceleration import ENDS
-from startracker_ros.core.track.tracks import TrackedAttitude
+from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.frame_pairs import FramePairs
@@ -70,14 +69,10 @@ class SubFrameOutput:
         if pair is None:
             return
         (stamp_ns, interval_ns, own, tracked), (mean, sigma) = pair
-        attitude = Attitude(
-            quaternion=own.quaternion, covariance_sensor=own.covariance_sensor, stars=own.stars,
-            residual_rad=own.residual_rad, chi2=own.chi2, stamp_ns=stamp_ns,
-            rate_rad_s=tracked.rate_rad_s, rate_covariance=tracked.rate_covariance,
-            acceleration_rad_s2=sigma, shown_rad_s2=mean, shown_s=interval_ns * 1e-9 / ENDS)
+        attitude = Attitude.of(stamp_ns, own, tracked, Acceleration(
+            mean, sigma, interval_ns * 1e-9 / ENDS))
         frame_id = self._node.options(FrameOptions).sensor_frame_id
-        for offset in (np.arange(self._count) + 0.5) / self._count - 0.5:
-            one = attitude.at(stamp_ns + round(offset * interval_ns))
+        for one in attitude.sub_frames(self._count, interval_ns):
             self._publisher.publish(tracked_attitude_to_imu(
                 replace(tracked, attitude=one, rate_rad_s=one.rate_rad_s,
                         rate_covariance=one.rate_covariance),

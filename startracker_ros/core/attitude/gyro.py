@@ -64,6 +64,11 @@ AT_ITS_RANGE = ('imu reaches gyro_range_deg_s: its rates are not used while the 
                 'larger')
 
 
+def rate_text(rate_rad_s: np.ndarray) -> str:
+    """Return a rate (3,) as text, in deg/s."""
+    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))
+
+
 class Gyro:
     """
     The latest rates, which propagate an attitude.

@@ -6,7 +6,7 @@
 import math
 
 import numpy as np
-from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions
+from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions, rate_text
 from startracker_ros.core.fusion.motion_level import MotionLevel
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation, Measurement
@@ -140,11 +140,13 @@ class BodyMotion:
                 silent_s = gyro.silent_s(after.stamp_ns)
                 self.gyro_trouble = f'imu is {silent_s:.2g} s behind the heads'
             return False
-        rate, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
-        reported = f'imu reports {_deg_s(rate)} deg/s about x, y, z of the body, '
         contradicts = agreement.add(
             after.stamp_ns, measured.quaternion, measured.covariance, after.drift,
             after.covariance[6:BODY, 6:BODY])
+        if self.uses_gyro and not contradicts:
+            return False
+        rate, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
+        reported = f'imu reports {rate_text(rate)} deg/s about x, y, z of the body, '
         if contradicts:
             for one in self._agreements.values():
                 one.contradict()
@@ -152,18 +154,14 @@ class BodyMotion:
                 f'{name} does not turn so: is it in rad/s, on the axes of the body, and '
                 'gyro_drift_deg_h right?')
         if self.uses_gyro:
-            self.uses_gyro = not contradicts
-            return contradicts
+            self.uses_gyro = False
+            return True
         innovation = rate - after.rate
         S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
         if innovation @ np.linalg.solve(S, innovation) > GATE:
             for one in self._agreements.values():
                 one.interrupt()
-            self.gyro_trouble = reported + f'the heads {_deg_s(after.rate)}'
+            self.gyro_trouble = reported + f'the heads {rate_text(after.rate)}'
         elif agreement.is_enough(GYRO_FRAMES):
             self.uses_gyro, self.gyro_trouble = True, ''
         return False
-
-
-def _deg_s(rate_rad_s: np.ndarray) -> str:
-    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))

@@ -10,9 +10,8 @@ so far is beyond SURE standard deviations, the level is k times as large, and so
 """
 
 import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.fusion.state import BODY, FusedState, Innovation
-from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, quaternion_from_rotation_vector)
 from startracker_ros.core.track.process_noise import add_frame, ASSUMED, Memory
 
 SURE = 3.0
@@ -30,8 +29,7 @@ class MotionLevel:
     def reset(self) -> None:
         """Assume the process noise that the options state."""
         self.level = 1.0
-        self._memory = Memory(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3),
-                              np.zeros(3))
+        self._memory = Memory.empty()
 
     def doubt(self) -> None:
         """Know nothing of how the body moves until its frames show it."""
@@ -51,18 +49,10 @@ class MotionLevel:
         density rad^2/s^3 is that of the prediction. Where the level changes, so does the
         covariance of the state.
         """
-        memory, dt_s = self._memory, (predicted.stamp_ns - before.stamp_ns) * 1e-9
-        transition, process = np.eye(BODY), np.zeros((BODY, BODY))
-        transition[:3, :3] = matrix_from_quaternion(
-            quaternion_from_rotation_vector(-before.rate * dt_s))
-        for axis in range(3):
-            rate = 3 + axis
-            transition[axis, rate] = dt_s
-            process[axis, axis] = density * dt_s ** 3 / 3
-            process[axis, rate] = process[rate, axis] = density * dt_s ** 2 / 2
-            process[rate, rate] = density * dt_s
-        P = np.ascontiguousarray(predicted.covariance[:BODY, :BODY])
-        add_frame(memory, transition, process, P,
+        memory, P = self._memory, np.ascontiguousarray(predicted.covariance[:BODY, :BODY])
+        body = AttitudeState(*before[:4], np.ascontiguousarray(before.covariance[:BODY, :BODY]))
+        motion = body.predicted_at_constant_rate(predicted.stamp_ns, np.full(3, density), 0.0)
+        add_frame(memory, motion.transition, motion.process, P,
                   np.ascontiguousarray(corrected.covariance[:BODY, :BODY]), innovation.vector,
                   np.linalg.inv(innovation.information) - P[:3, :3])
         score, information = memory.score.sum(), memory.information.sum()

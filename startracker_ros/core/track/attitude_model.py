@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro
+from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, rate_text
 from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
@@ -511,10 +511,11 @@ class AttitudeModel(StarModel):
             if not self.uses_gyro and self._agreement.is_enough(self._options.confirm_frames):
                 self.uses_gyro, self.gyro_trouble = True, ''
             return
+        reported = rate_text(gyro.mean_rate(before_ns, state.stamp_ns)[0])
         self.gyro_trouble = (
-            f'imu reports {_deg_s(gyro.mean_rate(before_ns, state.stamp_ns)[0])} deg/s about x, '
-            f'y, z, the stars {_deg_s(self.rate_rad_s)}: is it in rad/s, on the axes of the '
-            'sensor, and gyro_drift_deg_h right?')
+            f'imu reports {reported} deg/s about x, y, z, the stars '
+            f'{rate_text(self.rate_rad_s)}: is it in rad/s, on the axes of the sensor, and '
+            'gyro_drift_deg_h right?')
 
 
 class _ErrorScale:
@@ -559,7 +560,3 @@ def _with_jumps(state: AttitudeState, mixture: Mixture) -> AttitudeState:
     covariance[:6, :6] += mixture.covariance
     return state._replace(quaternion=turned(state.quaternion, mixture.mean[:3]),
                           rate=state.rate + mixture.mean[3:], covariance=covariance)
-
-
-def _deg_s(rate_rad_s: np.ndarray) -> str:
-    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))

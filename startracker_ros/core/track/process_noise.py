@@ -49,6 +49,11 @@ class Memory(NamedTuple):
     score: np.ndarray
     information: np.ndarray
 
+    @classmethod
+    def empty(cls) -> 'Memory':
+        """Return that before the first frame."""
+        return cls(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3), np.zeros(3))
+
 
 class ProcessNoise:
     """
@@ -58,8 +63,7 @@ class ProcessNoise:
     """
 
     def __init__(self) -> None:
-        self._memory = Memory(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3),
-                              np.zeros(3))
+        self._memory = Memory.empty()
         self.excess = np.zeros((6, 6))
 
     def interrupt(self) -> None:

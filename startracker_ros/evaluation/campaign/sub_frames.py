@@ -10,7 +10,7 @@ star, attitude and rate have the information sum D^T D / sigma^2.
 """
 
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids
@@ -21,7 +21,7 @@ from startracker_ros.evaluation.campaign.integrity import NEES_BOUNDS
 from startracker_ros.evaluation.campaign.integrity_motion import (
     attitudes, by_rows, LINE_TIME_S, MAGNITUDE_LIMIT, MotionCondition, onboard_stars, star_tracker)
 from startracker_ros.evaluation.campaign.integrity_tally import CAMERA, START_NS
-from startracker_ros.evaluation.campaign.parallel import parallel_trials
+from startracker_ros.evaluation.campaign.parallel import joined, parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import count_wrong, WRONG_SHARE, WRONG_TEXT
 from startracker_ros.tools.figures.rows import Row
@@ -52,18 +52,15 @@ class _Sums:
     by_bound: float = 0.0
     by_bound_at_known_rate: float = 0.0
 
-    def __add__(self, other: '_Sums') -> '_Sums':
-        return _Sums(*map(sum, zip(astuple(self), astuple(other))))
-
 
 def sub_frame_runs(motion: str, runs: int, seed: int) -> _Sums:
     """Return the sums of so many runs, with the seeds from seed on."""
-    return sum((sums for run in range(runs) for sums in _frames(
-        MOTIONS[motion], np.random.default_rng(seed + run))), _Sums())
+    return joined([sums for run in range(runs) for sums in _frames(
+        MOTIONS[motion], np.random.default_rng(seed + run))])
 
 
 def _frames(condition: MotionCondition, rng: np.random.Generator) -> Iterator[_Sums]:
-    """Yield what each settled frame of a run adds."""
+    """Yield what each settled frame of a run adds, and each of its sub-frames."""
     pipeline = star_tracker()
     pipeline.reset()
     attitude = attitudes(condition, rng, FRAMES)
@@ -76,21 +73,20 @@ def _frames(condition: MotionCondition, rng: np.random.Generator) -> Iterator[_S
         published = pipeline.process_centroids(stamp_ns, seen).attitude
         if frame < SETTLED:
             continue
+        yield _Sums(due=1, published=int(published is not None))
         if published is None:
-            yield _Sums(due=1)
             continue
-        information, alone = _information(seen), _Sums(due=1, published=1)
-        for offset_s, truth in zip(offsets_s, attitude(time_s + offsets_s)):
-            one = published.at(stamp_ns + round(offset_s * 1e9))
+        information = _information(seen)
+        for one, offset_s, truth in zip(published.sub_frames(SUB_FRAMES, round(_STEP_S * 1e9)),
+                                        offsets_s, attitude(time_s + offsets_s)):
             error, P = attitude_error(one.quaternion, truth), one.covariance_sensor
             to_time = np.hstack([np.eye(3), offset_s * np.eye(3)])
             bound = to_time @ np.linalg.solve(information, to_time.T)
-            alone += _Sums(
+            yield _Sums(
                 attitudes=1, wrong=count_wrong(error, np.sqrt(np.diag(P))).wrong,
                 by_covariance=float(error @ np.linalg.solve(P, error)),
                 by_bound=float(error @ np.linalg.solve(bound, error)),
                 by_bound_at_known_rate=float(error @ information[:3, :3] @ error))
-        yield alone
 
 
 def _information(seen: Centroids) -> np.ndarray:
