@@ -56,6 +56,9 @@ FIRST_WEIGHT = 5.0  # frames to which b is fitted at once
 LEAST_WEIGHT = 5.0  # frames from which on a jump differs from a motion that has started
 JUMP_FRAMES = 5  # after a jump more probable than not, in which there is no other one
 LEAST_B = -1.0  # of an oscillation that is predicted ahead: three frames in a period
+ALIAS_B = 0.0
+"""Four frames in a period: a faster oscillation may as well be that of a vibration faster than
+the frames, which the light shows as its mean and no shift corrects."""
 SLOWEST = 1 - 1e-7  # cosine of its angle from frame to frame: a period of 14000
 SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
 ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
@@ -414,6 +417,8 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     low = _seconds2(least_s, dt_s, b + b_sigma, swings)
     high = _seconds2(most_s, dt_s, b - b_sigma, swings)
     mean, doubt = (low + high) / 2, (high - low) / 2
+    if swings and LEAST_B <= b < ALIAS_B:
+        mean, doubt = mean / 2, math.hypot(mean / 2, doubt)
     speed2 = rate @ rate
     along = np.zeros(3)
     if speed2 > 0:

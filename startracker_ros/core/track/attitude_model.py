@@ -59,6 +59,11 @@ SHEARED = 3
 """Stars of a rolling shutter that are not where a hypothesis has them, from which on they may have
 been exposed after a jump of the rate: another one is tried, and taken if it has as many more."""
 
+SCALE_FRAMES = 20
+LARGE, SMALL, LEAST = 1.15, 0.9, 0.5
+"""In which the errors of centroids are compared with their residuals, and ratios that differ from
+1; errors are taken for no less than half of what the centroids have."""
+
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
@@ -172,7 +177,9 @@ class AttitudeModel(StarModel):
             frame = self._at_frame_time(frame, corrected)
             seen, residuals = self._follow(correction, icrf, Measured(
                 frame.uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
-            self._scale.add(correction.typical)
+            least_px = self._scale.value * frame.sigma_px.min()
+            self._scale.add(correction.typical, correction.precise,
+                            least_px <= self._options.sigma_floor_px)
             if self._lens_error.add(seen, residuals):
                 self._scale.restart()
             self._diverged = 0
@@ -522,23 +529,34 @@ class _ErrorScale:
     """
     Ratio of the residuals to the sigma of the centroids: above 1 for a lens not calibrated.
 
-    value is never below 1, and above it only when the ratio is significant.
+    value is 1 where the ratio is not significant. It is below 1 only when the precise stars, which
+    have the weight, have smaller residuals as well.
     """
 
     def __init__(self, scale: float) -> None:
-        self._ratio = self.value = scale
+        self._ratio = self._precise = self.value = scale
         self._frames = 1
 
     def restart(self) -> None:
         """Begin anew at the next frame: a better lens is known from now on."""
         self._frames = 0
 
-    def add(self, typical: float) -> None:
-        """Add the median of the residuals of a good frame, over sigma times value."""
-        ratio = self.value * typical / RAYLEIGH_MEDIAN
-        self._frames = min(self._frames + 1, 20)
-        self._ratio += (ratio - self._ratio) / self._frames
-        self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
+    def add(self, typical: float, precise: float, is_floor: bool) -> None:
+        """
+        Add medians of the residuals of a good frame as of Correction, over sigma times value.
+
+        is_floor is whether some sigma is the least one that is assumed, which stays as it is.
+        """
+        size = self.value / RAYLEIGH_MEDIAN
+        self._frames = min(self._frames + 1, SCALE_FRAMES)
+        self._ratio += (size * typical - self._ratio) / self._frames
+        self._precise += ((1.0 if is_floor else size * precise) - self._precise) / self._frames
+        largest = max(self._ratio, self._precise)
+        self.value = 1.0
+        if self._ratio > LARGE:
+            self.value = self._ratio
+        elif largest < SMALL and self._frames == SCALE_FRAMES:
+            self.value = max(largest, LEAST)
 
 
 def _inliers(correction: Correction) -> int:

@@ -50,6 +50,7 @@ class Correction(NamedTuple):
     residual_px: float
     chi2: float
     typical: float
+    precise: float
 
 
 @compiled
@@ -99,7 +100,7 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         if np.sum(inlier) < min_stars:
             return Correction(False, inside, predicted_uv, beta, unassociated, state, state,
                               inlier, distance, normalised, best, np.zeros(3), np.sum(usable),
-                              np.nan, np.nan, np.nan)
+                              np.nan, np.nan, np.nan, np.nan)
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
         if rolling:
             for star in range(len(corrected)):
@@ -127,7 +128,18 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
                       distance, normalised, best,
                       np.linalg.solve(np.linalg.cholesky(S), turn), np.sum(usable),
                       np.sqrt(np.mean(distance[inlier] ** 2)), np.sum(normalised[inlier] ** 2),
-                      np.median(normalised[inlier]))
+                      np.median(normalised[inlier]), _precise(error[best[inlier]],
+                                                              normalised[inlier]))
+
+
+@compiled
+def _precise(error: np.ndarray, normalised: np.ndarray) -> float:
+    """Return the median of normalised (K,) of the half with the least errors (K, 2, 2)."""
+    area2 = error[:, 0, 0] * error[:, 1, 1] - error[:, 0, 1] ** 2
+    half = len(area2) // 2
+    # They have the weight in the fit: of 2 K residuals nearly all of its three angles.
+    left = max(1 - 1.5 / max(half, 1), 0.1)
+    return np.median(normalised[np.argsort(area2)[:half]]) / np.sqrt(left)
 
 
 @compiled

@@ -17,7 +17,7 @@ FRAMES = 20  # whose times are compared
 LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as this
 LEAST_PRODUCTS = 3
 # Times the variance of the measured time by the centroids, of many products and of few.
-SIGNIFICANT, FEW = 4.0, 20.0
+SIGNIFICANT, FEW = 2.5, 15.0
 EXPECTED = 2.0  # the same once the stamps have erred, or may do
 SHAKEN = 2.0  # times what a camera that shakes moves across its rate as well
 

@@ -36,6 +36,7 @@ FRAMES = 400
 _SUBSTEPS = 10
 _SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
 _PIECE = 4
+LIST_RUNS = 3  # of star lists, which take less time, for each run of images
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,12 @@ CONDITIONS = {
 """With the last three there is nothing to publish, or nothing that can be right."""
 
 NEES_BOUNDS = 2.4, 3.8
-"""Bounds of the mean normalised squared error of 3 axes, of the supported conditions."""
+"""
+Bounds of the mean normalised squared error of 3 axes, of the supported conditions.
+
+Only the upper one holds where the camera is shaken within an exposure: what the covariance adds
+for the pointing at the stamp is no error of the mean pointing.
+"""
 
 _Any = Condition | ImageCondition | MotionCondition
 
@@ -126,10 +132,11 @@ class IntegrityRow:
     holds: bool | None
 
 
-def integrity_runs(name: str, runs: int, seed: int) -> Tally:
-    """Return the tally of so many runs of one condition."""
+def integrity_runs(name: str, trials: int, seed: int) -> Tally:
+    """Return the tally of so many runs of one condition, or LIST_RUNS times as many of lists."""
     if name in IMAGE_CONDITIONS:
-        return image_runs(name, runs, seed)
+        return image_runs(name, trials, seed)
+    runs = LIST_RUNS * trials
     if name in MOTION_CONDITIONS:
         return motion_runs(name, runs, seed)
     rng = np.random.default_rng(seed)
@@ -246,14 +253,18 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
 def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
     share = 100 * tally.available / tally.due
     needed, (low, high) = condition.needed_percent, NEES_BOUNDS
+    detectable = True
+    if isinstance(condition, ImageCondition):
+        detectable = condition.detectable
+        low = 0.0 if condition.is_shaken else low
     published = tally.published
     nees = tally.nees / published if published else None
     bound, holds = combined([
         (f'<= {WRONG_SHARE:g} wrong', tally.wrong <= WRONG_SHARE * published),
         ('0 gross', not tally.gross),
-        (f'NEES {low:g} .. {high:g}', nees is None or low <= nees <= high),
+        (f'NEES {low:g} .. {high:g}' if low else f'NEES <= {high:g}',
+         nees is None or low <= nees <= high),
         *([(f'>= {needed:g} % published', share >= needed)] if needed else [])], ', ')
-    detectable = not isinstance(condition, ImageCondition) or condition.detectable
     return IntegrityRow(
         name, tally.frames, share, bound if detectable else 'not detectable', tally.wrong,
         tally.gross, tally.worst, tally.wrong, tally.worst_sigma, nees, tally.rates_wrong,
@@ -264,7 +275,7 @@ def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
 
 def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                            scheduler: str = '') -> Result:
-    """Follow trials runs in each condition."""
+    """Follow trials runs in each condition, LIST_RUNS times as many of star lists."""
     names, tallies = tuple(dict.fromkeys(only or ALL_CONDITIONS)), Trials()
     for name in names:
         tallies.add(integrity_runs, (name,), trials, _PIECE,
@@ -275,11 +286,13 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'camera': '1024 x 1024 px, 12 deg, 10 Hz; each run begins lost at a random attitude',
         'chain': 'centroids, lost-in-space identification, tracker (model attitude), trust',
         'star lists': f'centroids of {SIGMA_PX:g} px, stars to V {MAGNITUDE_LIMIT:g}; runs of '
-                      f'{FRAMES} frames, or 20 where nothing can be right',
+                      f'{FRAMES} frames, or 20 where nothing can be right, {LIST_RUNS} for each '
+                      'trial',
         'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits and '
                   'spots come after 10 clean frames',
         'lists of motions': f'the rows "list, ...": centroids of {MOTION_SIGMA_PX:g} px in the '
-                            f'centre of the light; runs of {MOTION_FRAMES} frames',
+                            f'centre of the light; runs of {MOTION_FRAMES} frames, {LIST_RUNS} '
+                            'for each trial',
         'published_percent': 'star lists: of all frames; images and lists of motions: of the '
                              'frames after the two of a start, or after the clean ones; start '
                              f'with spots: of the runs, within {START_FRAMES} frames',

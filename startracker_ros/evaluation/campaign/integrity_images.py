@@ -28,7 +28,7 @@ from startracker_ros.sim.sky.presets import with_preset
 from startracker_ros.sim.sky.shake import ShakenMotion, SwayingMotion
 from startracker_ros.sim.sky.simulator import SkySimulator
 
-FRAMES = 60
+FRAMES = 100
 START_FRAMES = 10
 """Frames within which a start has to succeed."""
 
@@ -74,6 +74,11 @@ class ImageCondition:
     detectable: bool = True
     clean_detector: DetectorOptions = DetectorOptions()
 
+    @property
+    def is_shaken(self) -> bool:
+        """Whether the camera vibrates or is kicked: the truth is then the mean pointing."""
+        return self.vibration_arcsec > 0 or self.kick_arcsec > 0
+
 
 def _smear(rate_deg_s: float, exposure_s: float = 0.1, needed_percent: float = 99.0,
            gyro: bool = False) -> ImageCondition:
@@ -116,9 +121,10 @@ def _spots(number: int) -> ImageCondition:
                           clean_frames=CLEAN_FRAMES)
 
 
-def _debris(number: int, sigma_px: float, **when: Any) -> ImageCondition:
+def _debris(number: int, sigma_px: float, needed_percent: float = 95.0, **when: Any
+            ) -> ImageCondition:
     return ImageCondition(artefacts=ArtefactOptions(debris=number, debris_sigma_px=sigma_px),
-                          needed_percent=95.0, **when)
+                          needed_percent=needed_percent, **when)
 
 
 def _trails(number: int) -> ImageCondition:
@@ -156,7 +162,8 @@ IMAGE_CONDITIONS = {
         needed_percent=95.0),
     'debris, 150 of 3 px': _debris(150, 3.0, clean_frames=CLEAN_FRAMES),
     'debris, 300 points': _debris(300, 0.8, clean_frames=CLEAN_FRAMES),
-    'start with debris, 150 of 3 px': _debris(150, 3.0, start=True, frames=2 * START_FRAMES),
+    'start with debris, 150 of 3 px': _debris(150, 3.0, 90.0, start=True,
+                                              frames=2 * START_FRAMES),
     'Moon in the field': ImageCondition(
         detector=DetectorOptions(blooming=True),
         artefacts=ArtefactOptions(moon_e=40_000.0, moon_distance_deg=2.0)),

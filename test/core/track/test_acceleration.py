@@ -50,6 +50,17 @@ def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, p
     assert np.max(normalised[2:]) < 25 and np.mean(normalised[settled]) < 1.3
 
 
+@pytest.mark.parametrize('hertz', [2.7, 7.3, 12.7])
+def test_a_vibration_faster_than_the_frames_is_not_mistaken_for_a_sway(hertz):
+    """At 10 frames a second all three look alike; of the faster ones the mean pointing counts."""
+    normalised = []
+    for found, shift in frames(sway(40 / 3600, 1 / hertz), exposure_s=0.09):
+        turn, covariance, _ = found.shift((0.09, 0.09), np.zeros(3), 4900.0)
+        error = turn @ AXIS - (shift if hertz < 5 else 0.0)
+        normalised.append(error ** 2 / (AXIS @ covariance @ AXIS + SIGMA ** 2))
+    assert np.max(normalised[20:]) < 25 and np.mean(normalised[20:]) < 1.3
+
+
 @pytest.mark.parametrize(('amplitude_deg', 'period_s'), [
     (0.2, 2.0), (0.05, 1.0), (0.03, 0.5), (0.01, 0.35)])
 def test_the_next_angle_and_rate_of_a_sway_are_predicted(amplitude_deg, period_s):
@@ -87,7 +98,7 @@ def test_the_error_of_the_newest_attitude_is_in_the_shift_by_its_share(amplitude
     assert before.way == found.estimate.way != STEADY
     # What the error changes of the fitted frequency is small.
     assert (turns[1] - turns[0]) / (1e-3 * SIGMA) == pytest.approx(shift.share, abs=0.02)
-    assert abs(shift.share) > 0.02
+    assert abs(shift.share) > 0.01
 
 
 def test_a_steady_turn_costs_next_to_nothing():

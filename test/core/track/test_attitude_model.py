@@ -3,7 +3,7 @@
 
 """One filter for all stars: slews, dark images, right and wrong gyros."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from chi_square import check_mean
 import numpy as np
@@ -263,6 +263,26 @@ def flown(motion, frames=80):
     """Return errors (F, 3) and covariances (F, 3, 3) of a tracker of a nominal camera."""
     return errors_of(TrackFilter(CAMERA, ONBOARD, TrackerOptions()), (
         (*motion.frame(frame), motion.q(frame)) for frame in range(frames)))
+
+
+def published_sigma(stated, **options):
+    """Return the sigma (3,) of a tracker of stars with errors stated so many times too large."""
+    motion = Motion(ONBOARD, (0.1, 0.25, 0.1), sigma_per_magnitude=0.05)
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(**options))
+    _, covariances = errors_of(tracker, (
+        (stamp_ns, replace(seen, sigma_px=stated * seen.sigma_px,
+                           covariance=stated ** 2 * seen.covariance), hip, motion.q(frame))
+        for frame in range(80) for stamp_ns, seen, hip in [motion.frame(frame)]))
+    return np.sqrt(np.mean([np.diag(covariance) for covariance in covariances[50:]], axis=0))
+
+
+def test_errors_that_are_stated_too_large_are_learnt():
+    """As of stars that are no Gaussians."""
+    true_sigma = published_sigma(1.0)
+    assert published_sigma(1.6) == pytest.approx(true_sigma, rel=0.1)
+    assert (published_sigma(4.0) > 1.5 * true_sigma).all()
+    # The least error that is assumed stays as it is.
+    assert (published_sigma(1.0, sigma_floor_px=0.16) > 1.3 * true_sigma).all()
 
 
 def test_a_wrong_focal_length_is_taken_out():
