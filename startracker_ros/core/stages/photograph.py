@@ -38,6 +38,8 @@ _SEARCHES, _TILED_SEARCHES = 2, 2
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. Where the field is given it is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
+# Where so narrow a field is given the camera is no fisheye, however wrong the field is.
+_TELE_RAD = np.radians(45.0)
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -115,8 +117,10 @@ class PhotographSolver:
         searches = [
             _any_field(self._blind, shape, nominal),
             _unknown_lens(self._unknown, shape, RECTILINEAR,
-                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
-            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
+                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG)]
+        if nominal is None or max(nominal.fov_x_rad, nominal.fov_y_rad) > _TELE_RAD:
+            searches.append(_unknown_lens(
+                self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG))
         if nominal is not None:
             searches.insert(0, self._known(nominal))
         narrow, lack = self._narrow(nominal, shape, place)

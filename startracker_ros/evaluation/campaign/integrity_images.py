@@ -99,10 +99,12 @@ def _shaken(needed_percent: float, vibration_arcsec: float = 0.0, kick_arcsec: f
         detector=DetectorOptions(motion_smear=True), needed_percent=needed_percent)
 
 
-def _sway(sway_deg: float, sway_s: float, exposure_s: float = 0.1) -> ImageCondition:
+def _sway(sway_deg: float, sway_s: float, exposure_s: float = 0.1, line_time_us: float = 0.0
+          ) -> ImageCondition:
     return ImageCondition(
-        0.02, sway_deg=sway_deg, sway_s=sway_s,
-        detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s))
+        0.02, sway_deg=sway_deg, sway_s=sway_s, line_time_us=line_time_us,
+        detector=DetectorOptions(
+            motion_smear=True, exposure_s=exposure_s, line_time_us=line_time_us))
 
 
 def _torn(rate_deg_s: float) -> ImageCondition:
@@ -200,6 +202,8 @@ IMAGE_CONDITIONS = {
     'sway 0.05 deg, 1 s, exposed 10 ms': _sway(0.05, 1.0, 0.01),
     'sway 0.01 deg, 0.5 s': _sway(0.01, 0.5),
     'sway 5 deg, 30 s': _sway(5.0, 30.0),
+    'sway 0.2 deg, 2 s, exposed 20 ms, rolling shutter': _sway(0.2, 2.0, 0.02, 80.0),
+    'sway 0.05 deg, 1 s, exposed 20 ms, rolling shutter': _sway(0.05, 1.0, 0.02, 80.0),
 }
 
 

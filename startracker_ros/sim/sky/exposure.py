@@ -3,10 +3,12 @@
 
 """Paths of the light sources over the pixels during an exposure."""
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.shake import ShakenMotion, uneven_instants
@@ -15,6 +17,8 @@ from startracker_ros.sim.sky.sources import LightSources
 # The iteration for the row of a star ends below this change or after _ROW_STEPS.
 _ROW_TOLERANCE_PX = 1e-4
 _ROW_STEPS = 10
+# From row to row a body turns by a polynomial through this many attitudes, at Chebyshev points.
+_ROW_ATTITUDES = 5
 
 
 def project_visible(camera: Camera, sensor: np.ndarray, margin_px: float) -> np.ndarray:
@@ -55,31 +59,43 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
         sensor = (sources.direction + instant_s * sources.drift_rad_s) @ matrix
         path[:] = project_visible(camera, sensor, margin_px)
         if line_time_s:
-            path[:] = _rolling_shutter(camera, sensor, sources.drift_rad_s @ matrix,
-                                       state.rate_rad_s, path, line_time_s, margin_px)
+            path[:] = _rolling_shutter(
+                camera, sensor, sources.drift_rad_s @ matrix,
+                _turn_in(motion, time_s + instant_s,
+                         abs(line_time_s) * (camera.height / 2 + margin_px)),
+                path, line_time_s, margin_px)
     return paths, weight
 
 
+def _turn_in(motion: Motion, time_s: float, reach_s: float
+             ) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what gives the turn (N, 3) on sensor axes at delays (N,) of up to reach_s."""
+    middle = motion.at(time_s).q_icrf_from_sensor
+    delay_s = reach_s * np.polynomial.chebyshev.chebpts1(_ROW_ATTITUDES)
+    turn = [rotation_between(middle, motion.at(time_s + delay).q_icrf_from_sensor)
+            for delay in delay_s]
+    coefficients = np.polynomial.chebyshev.chebfit(delay_s / reach_s, turn, _ROW_ATTITUDES - 1)
+    return lambda delays_s: np.polynomial.chebyshev.chebval(
+        delays_s / reach_s, coefficients).T
+
+
 def _rolling_shutter(camera: Camera, sensor: np.ndarray, drift_rad_s: np.ndarray,
-                     rate_rad_s: np.ndarray, uv: np.ndarray, line_time_s: float,
-                     margin_px: float) -> np.ndarray:
+                     turn_in: Callable[[np.ndarray], np.ndarray], uv: np.ndarray,
+                     line_time_s: float, margin_px: float) -> np.ndarray:
     """
     Return pixels (N, 2) of vectors on sensor axes, each at the time of its own row.
 
-    uv (N, 2) are those at the time of the middle row. The sensor rotates at rate_rad_s (3,) and
+    uv (N, 2) are those at the time of the middle row. The sensor turns by turn_in() and
     the sources drift (N, 3). The row of a star depends on its pixel: fixed-point iteration.
     """
-    x, y, z = rate_rad_s
-    cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-    speed_rad_s = np.linalg.norm(rate_rad_s)
     for _ in range(_ROW_STEPS):
-        delay_s = ((uv[:, 1] - (camera.height - 1) / 2) * line_time_s)[:, None]
-        moved = sensor + delay_s * drift_rad_s
+        delay_s = (uv[:, 1] - (camera.height - 1) / 2) * line_time_s
+        moved, turn = sensor + delay_s[:, None] * drift_rad_s, turn_in(delay_s)
         # Rodrigues' formula; the vectors rotate against the sensor.
-        angle = speed_rad_s * delay_s / np.pi
-        across = delay_s * (moved @ cross)
+        angle = np.linalg.norm(turn, axis=1, keepdims=True) / np.pi
+        across = np.cross(turn, moved)
         rotated = (moved - np.sinc(angle) * across
-                   + np.sinc(angle / 2) ** 2 / 2 * delay_s * (across @ cross))
+                   + np.sinc(angle / 2) ** 2 / 2 * np.cross(turn, across))
         before, uv = uv, project_visible(camera, rotated, margin_px)
         if not (np.abs(uv - before) > _ROW_TOLERANCE_PX).any():
             break

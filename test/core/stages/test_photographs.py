@@ -256,7 +256,12 @@ def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
     image = draw(np.random.default_rng(0)).clip(0, 255).astype(np.uint8)
     solution = any_field.solve(image)
     assert solution.quaternion is None
-    assert '0.6 to 120 deg' in solution.identification.reason
+    reason = solution.identification.reason
+    assert '0.6 to 120 deg' in reason and 'fisheyes' in reason
+    # A telephoto lens is no fisheye, however wrong the given field is.
+    height, width = image.shape
+    given = any_field.solve(image, Camera.from_fov(width, height, 12.0))
+    assert given.quaternion is None and 'fisheyes' not in given.identification.reason
 
 
 def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_data):

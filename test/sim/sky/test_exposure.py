@@ -13,6 +13,7 @@ from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.shake import SwayingMotion
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
@@ -124,6 +125,28 @@ def test_rolling_shutter_sees_each_row_at_its_time(rate_deg_s, smear):
     assert len(moved) == 3
     # Half a degree a second over the 14 ms to the outer rows is 0.6 px.
     assert max(moved) > 0.5 and moved[1] < 0.05
+
+
+@pytest.mark.parametrize('period_s', [0.5, 2.0])
+def test_rolling_shutter_sees_a_body_that_changes_its_rate(period_s):
+    """Within the 82 ms of its rows the rate changes by up to a degree a second."""
+    steady = motion_from_options(MotionOptions(
+        motion='constant_rate', ra_deg=40.0, dec_deg=-35.0, roll_deg=25.0,
+        rate_deg_s=(0.1, -0.2, 0.3)))
+    motion = SwayingMotion(steady, np.array([0.48, 0.64, 0.6]), np.radians(0.1), period_s, 0.3)
+    uv = np.array([(300.2, 60.7), (700.3, 510.9), (500.7, 960.4)])
+    directions = rotate(motion.at(0.0).q_icrf_from_sensor, CAMERA.unproject(uv))
+    simulator = SkySimulator(
+        CAMERA, motion, star_at(CAMERA, uv, motion.at(0.0).q_icrf_from_sensor), EPOCH_YEAR,
+        detector_options=replace(QUIET, line_time_us=80.0, motion_smear=True, exposure_s=0.001,
+                                 zero_flux_e_s=2e9), sky_options=SkyOptions(aberration=False))
+    frame = simulator.frame(0.0)
+    for hip, pixel in zip(frame.stars.hip, frame.stars.uv):
+        state = motion.at((pixel[1] - 511.5) * 80e-6)
+        expected = CAMERA.project(rotate(
+            conjugate(state.q_icrf_from_sensor), directions[hip - 1]))
+        assert np.abs(pixel - expected).max() < 1e-3
+        assert np.abs(moments(frame.image, pixel)[0] - expected).max() < 0.01
 
 
 def test_a_global_shutter_sees_all_rows_at_once():
