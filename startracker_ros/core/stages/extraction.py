@@ -226,12 +226,15 @@ class ExtractionStage:
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
-        streak = expected.motion.scaled(self._exposure_s)
+        streak = shown = expected.motion.scaled(self._exposure_s)
         if self._shape is not None:
-            streak = self._shape.joined(streak)
+            streak = shown = self._shape.joined(streak)
+        elif self._unexplained is not None:
+            # The width of the stars in that image is the one across its streak.
+            shown = self._unexplained.joined(streak)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
-        near = None if unknown else self._near(image, expected, streak)
+        near = None if unknown else self._near(image, expected, shown)
         if near is not None and _contradicts(near):
             near = None
         if (near is not None and not expected.anywhere and not self._is_due(stamp_ns)
@@ -265,7 +268,7 @@ class ExtractionStage:
                 # What fills the list is of another width: debris, which is no measure of stars.
                 self._searched = before._replace(contamination=contamination)
             if contamination != before.contamination:
-                near = self._near(image, expected, streak)
+                near = self._near(image, expected, shown)
         return self._joined(image, searched, near, expected, known)
 
     def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
@@ -304,7 +307,8 @@ class ExtractionStage:
     def _joined(self, image: np.ndarray, extraction: Extraction, near: Extraction | None,
                 expected: _Expected, streak: Streak | None) -> Extraction:
         """Return the stars of a searched image; what was measured near the predictions stays."""
-        if near is None or expected.stars_seen(near.centroids) < LEAST_PREDICTED:
+        if near is None or expected.stars_seen(near.centroids) < max(
+                LEAST_PREDICTED, LEAST_SHARE * expected.stars_seen(extraction.centroids)):
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction, streak = self._search(image), None
             self._learn(extraction, expected, streak)
@@ -333,9 +337,9 @@ class ExtractionStage:
 
     def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
         """Learn exposure time and shape of the stars from the streak that an image shows."""
-        if extraction.centroids.correlated_error.any():
-            return
         shown, before = extraction.streak, self._unexplained
+        if shown is not None and extraction.centroids.correlated_error.any():
+            return
         self._shape = self._unexplained = None
         if shown is None or expected.exposure_s(shown):
             self._learn_exposure(extraction, expected)

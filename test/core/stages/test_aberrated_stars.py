@@ -30,11 +30,11 @@ NODES = np.linspace(-0.5, 0.5, 9)
 FRAMES = 15
 
 
-def drawn(uv, flux_dn, line_px, sigma_px, rng):
+def drawn(uv, flux_dn, line_px, sigma_px, rng, share=np.full(9, 1 / 9)):
     """
     Return an 8 bit image of stars that are lines (N, 2) px with a Gaussian profile.
 
-    Their centres of light are uv (N, 2).
+    Their centres of light are uv (N, 2), the light of each part of a line is share (9,).
     """
     image = np.full((CAMERA.height, CAMERA.width), OFFSET_DN)
     y, x = np.mgrid[-10:11, -10:11]
@@ -42,11 +42,11 @@ def drawn(uv, flux_dn, line_px, sigma_px, rng):
         column, row = int(np.rint(u)), int(np.rint(v))
         if not (10 <= column < CAMERA.width - 10 and 10 <= row < CAMERA.height - 10):
             continue
-        for node in NODES:
+        for node, part in zip(NODES, share):
             squared = ((x - (u - column) - node * line[0]) ** 2
                        + (y - (v - row) - node * line[1]) ** 2)
             image[row - 10:row + 11, column - 10:column + 11] += (
-                flux / len(NODES) / (2 * np.pi * sigma_px ** 2)
+                flux * part / (2 * np.pi * sigma_px ** 2)
                 * np.exp(-squared / (2 * sigma_px ** 2)))
     image = rng.poisson(image) + rng.normal(0, READ_DN, image.shape)
     return image.clip(0, 255).astype(np.uint8)
@@ -136,3 +136,22 @@ def test_static_shapes_are_no_motion(shape, sigma_px, rate_deg_s):
         error = attitude_error(attitude.quaternion, frame.state.q_icrf_from_sensor)
         assert (np.abs(error) < WRONG_SIGMAS * np.sqrt(np.diag(attitude.covariance_sensor))).all()
     assert published >= 0.95 * (FRAMES - 2)
+
+
+def test_ellipses_are_searched_and_measured_in_one_way():
+    """Streaks or wide points: an image that was searched as one was measured as the other."""
+    bell = np.exp(-0.5 * (6 * NODES) ** 2)
+    simulator, rng = sky((0.05, 0.03, 0.0), *pointings(1)[0]), np.random.default_rng(11)
+    pipeline, published = StarTracker(CAMERA, EPOCH_YEAR), 0
+    for index in range(40):
+        frame = simulator.frame(index / 10)
+        stamp_ns = START_NS + index * STEP_NS
+        pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
+        seen = 6 * frame.flux_dn > FAINTEST_DN
+        # Sigma 0.7 px across and 1.5 px along: the nodes reach to 3 sigma.
+        line_px = np.tile(6 * np.sqrt(1.5 ** 2 - 0.7 ** 2) * np.array([0.92, 0.39]),
+                          (np.count_nonzero(seen), 1))
+        result = pipeline.process(stamp_ns, drawn(
+            frame.stars.uv[seen], 6 * frame.flux_dn[seen], line_px, 0.7, rng, bell / bell.sum()))
+        published += index >= 2 and result.attitude is not None
+    assert published == 38
