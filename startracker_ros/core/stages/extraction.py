@@ -226,12 +226,7 @@ class ExtractionStage:
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
-        streak = shown = expected.motion.scaled(self._exposure_s)
-        if self._shape is not None:
-            streak = shown = self._shape.joined(streak)
-        elif self._unexplained is not None:
-            # The width of the stars in that image is the one across its streak.
-            shown = self._unexplained.joined(streak)
+        streak, shown = self._streaks(expected)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
         near = None if unknown else self._near(image, expected, shown)
@@ -270,6 +265,16 @@ class ExtractionStage:
             if contamination != before.contamination:
                 near = self._near(image, expected, shown)
         return self._joined(image, searched, near, expected, known)
+
+    def _streaks(self, expected: _Expected) -> tuple[Streak, Streak]:
+        """Return the streak by motion and shape of the stars, and that near the predictions."""
+        streak = expected.motion.scaled(self._exposure_s)
+        if self._shape is not None:
+            streak = self._shape.joined(streak)
+        elif self._unexplained is not None:
+            # The width of the stars in that image is the one across its streak.
+            return streak, self._unexplained.joined(streak)
+        return streak, streak
 
     def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
         """Return the stars of an image: more of them, the longer the star tracker is lost."""
