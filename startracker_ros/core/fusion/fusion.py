@@ -374,7 +374,7 @@ class AttitudeFusion:
         stamp_ns = entries[-1].state.stamp_ns
         if (self.motion.gyro_runs(stamp_ns) and (stamp_ns - self._history[-1].state.stamp_ns)
                 <= self._options.max_gyro_gap_s * 1e9):
-            self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
+            self.motion.contradict_gyro('the heads agree with each other and not with imu')
         self._drop('')
         self._history = entries
         self.motion.started()

@@ -38,15 +38,21 @@ class BodyMotion:
 
     def reset(self) -> None:
         """Forget the rates."""
-        self._gyro = Gyro(self._gyro_options)
         self._level.reset()
         self.gyro_trouble = ''
-        self.forget_gyro()
+        self._begin_gyro()
+
+    def _begin_gyro(self) -> None:
+        """Begin with a gyro of which nothing is known."""
+        self._gyro = Gyro(self._gyro_options)
+        self.uses_gyro = False
+        self._agreements: dict[str, GyroAgreement] = {}
 
     def forget_gyro(self) -> None:
         """Use the gyro only after it has agreed with the heads anew."""
         self.uses_gyro = False
-        self._agreements: dict[str, GyroAgreement] = {}
+        for one in self._agreements.values():
+            one.interrupt()
 
     @property
     def drift_sigma_rad_s(self) -> float:
@@ -63,8 +69,7 @@ class BodyMotion:
         if silent_s <= 0:
             if silent_s > -GYRO_SILENCE_S:
                 return False
-            self._gyro = Gyro(self._gyro_options)
-            self.forget_gyro()
+            self._begin_gyro()
         added = self._gyro.add(stamp_ns, rate_rad_s)
         if self._gyro.saturated_ns == stamp_ns:
             self.forget_gyro()
@@ -120,6 +125,12 @@ class BodyMotion:
         return self._level.add(before, predicted, innovation, corrected,
                                self._level.level * self._density)
 
+    def contradict_gyro(self, trouble: str) -> None:
+        """Let the gyro agree with the heads for longer before it is used again."""
+        self.gyro_trouble = trouble
+        for one in self._agreements.values():
+            one.contradict()
+
     def compare_gyro(self, name: str, before: FusedState, after: FusedState,
                      measured: Measurement) -> bool:
         """
@@ -148,11 +159,9 @@ class BodyMotion:
         rate, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
         reported = f'imu reports {rate_text(rate)} deg/s about x, y, z of the body, '
         if contradicts:
-            for one in self._agreements.values():
-                one.contradict()
-            self.gyro_trouble = reported + (
+            self.contradict_gyro(reported + (
                 f'{name} does not turn so: is it in rad/s, on the axes of the body, and '
-                'gyro_drift_deg_h right?')
+                'gyro_drift_deg_h right?'))
         if self.uses_gyro:
             self.uses_gyro = False
             return True

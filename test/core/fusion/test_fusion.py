@@ -199,6 +199,26 @@ def test_a_wrong_gyro_is_named_and_the_heads_go_on(wrong):
     assert heads.error_arcsec(results[-1]) < 0.1
 
 
+def test_a_gyro_that_was_wrong_is_used_late_after_a_restart_too():
+    heads = Heads(2)
+    motion = heads.fusion.motion
+
+    def used_after(rate, frames=60):
+        for index in range(4 * frames):
+            heads.fusion.add_rate(START_NS + round((heads.time_s + index % 4 * 0.05) * 1e9), rate)
+            if index % 4 == 3:
+                heads.run(1)
+                if motion.uses_gyro:
+                    return index // 4
+        return None
+    assert used_after(RATE) < 15
+    while motion.uses_gyro:
+        used_after(2 * RATE, 1)
+    assert 'not with imu' in motion.gyro_trouble
+    heads.time_s += 5.0
+    assert 29 <= used_after(RATE) < 50
+
+
 def test_late_repeated_and_future_frames_are_named_and_the_others_go_on():
     heads = Heads(3)
     heads.run(10)
