@@ -33,8 +33,8 @@ class RotationFit:
     An attitude and the residuals of the stars.
 
     normalised (N,) is the residual of each star over its own sigma times scale, which is above 1
-    where a lens that is not calibrated moves all stars; inlier (N,) masks
-    the stars of the fit; residual_px is their rms residual.
+    where a lens that is not calibrated moves all stars; inlier (N,) masks the stars of the fit;
+    residual_px is their rms residual.
     """
 
     attitude: AttitudeEstimate
