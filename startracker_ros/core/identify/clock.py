@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The time limit of a compiled search, which reads the clock once in a while."""
+"""The limit of a compiled search: processor time, or work that does not depend on the machine."""
 
 import time
 from typing import Any, NamedTuple
@@ -19,28 +19,37 @@ _clock_gettime: Any = types.ExternalFunction(
 
 
 class SearchClock(NamedTuple):
-    """Processor time of this thread at which a search ends; unread (1,): work since, in ns."""
+    """
+    When a search ends.
+
+    deadline_s is the processor time of this thread, most_ns the expected time of all work on a
+    processor of 3 GHz; work_ns (2,) is that since the clock was read, and in all.
+    """
 
     deadline_s: float
-    unread: np.ndarray
+    most_ns: float
+    work_ns: np.ndarray
 
 
 @compiled
-def search_clock(deadline_s: float) -> SearchClock:
-    """Return the clock of a search that ends at deadline_s by time.thread_time()."""
-    return SearchClock(deadline_s, np.zeros(1))
+def search_clock(deadline_s: float, most_ns: float) -> SearchClock:
+    """Return the clock of a search that ends at deadline_s by time.thread_time(), or by work."""
+    return SearchClock(deadline_s, most_ns, np.zeros(2))
 
 
 @compiled
 def time_is_up(clock: SearchClock, work_ns: float) -> bool:
-    """Return whether the deadline is over, after work of this expected time."""
-    clock.unread[0] += work_ns
-    if clock.unread[0] < _PERIOD_NS:
+    """Return whether a limit is reached, after work of this expected time."""
+    clock.work_ns[1] += work_ns
+    if clock.work_ns[1] > clock.most_ns:
+        return True
+    clock.work_ns[0] += work_ns
+    if clock.work_ns[0] < _PERIOD_NS:
         return False
     # struct timespec
     now = np.empty(2, np.int64)
     _clock_gettime(_THREAD_CLOCK, now.ctypes)
     now_s = now[0] + 1e-9 * now[1]
     # Once over it stays over: the callers of the caller see it too.
-    clock.unread[0] = np.inf if now_s > clock.deadline_s else 0.0
+    clock.work_ns[0] = np.inf if now_s > clock.deadline_s else 0.0
     return now_s > clock.deadline_s

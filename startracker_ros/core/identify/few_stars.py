@@ -46,21 +46,27 @@ _LOOK_UP_NS, _VOTE_NS, _VERIFY_NS = 300.0, 400.0, 40_000.0
 
 
 def few_stars(identifier: Identifier, table: TriangleTable, centroids: Centroids,
-              sigma_floor_px: float, false_alarm_max: float, deadline_s: float) -> Identification:
-    """Return the stars of the first triangle that is accepted, by the thread clock's deadline."""
+              sigma_floor_px: float, false_alarm_max: float, work_s: float
+              ) -> tuple[Identification, float]:
+    """
+    Return the stars of the first triangle that is accepted by so much work, and what it took.
+
+    Work is that of PyramidIdentifier.identify_within().
+    """
     index, image, sigma = usable_stars(
         identifier.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
         identifier.options.max_image_stars, sigma_floor_px)
-    in_time, found = identify_few(table, identifier.verifier.data, image, sigma, false_alarm_max,
-                                  deadline_s)
+    in_time, found, work_ns = identify_few(
+        table, identifier.verifier.data, image, sigma, false_alarm_max, 1e9 * work_s)
     if found.false_alarm > false_alarm_max:
         status = 'no_candidate' if in_time else 'time_limit'
         return identifier.unidentified(centroids, status, f'{len(index)} spots, no few of them '
-                                       'are stars', found.false_alarm)
+                                       'are stars', found.false_alarm), 1e-9 * work_ns
     return identifier.identified(
         centroids, FieldStars(index, image, sigma, centroids.flux[index]),
         identifier.verifier.match(
-            found, plane_points(identifier.camera.model.equidistant, image), sigma))
+            found, plane_points(identifier.camera.model.equidistant, image), sigma)
+    ), 1e-9 * work_ns
 
 
 class _SpotMap(NamedTuple):
@@ -100,18 +106,20 @@ def _spot_at(spots: _SpotMap, a: float, b: float) -> int:
 
 @compiled
 def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray,
-                 sigma: np.ndarray, false_alarm_max: float, deadline_s: float
-                 ) -> tuple[bool, Verification]:
+                 sigma: np.ndarray, false_alarm_max: float, most_ns: float
+                 ) -> tuple[bool, Verification, float]:
     """
-    Return whether all was searched in time, and the first accepted verification or the best one.
+    Return whether all was searched, the first accepted verification or the best, and the work.
+
+    Work is in ns, most_ns at most.
 
     image (N, 3) are the image stars, brightest first, sigma (N,) their errors in rad.
     """
     seen = plane_points(verifier.equidistant, image)
-    best, clock = rejected(len(image)), search_clock(deadline_s)
+    best, clock = rejected(len(image)), search_clock(np.inf, most_ns)
     count = min(len(image), MOST_SPOTS)
     if count < FEWEST:
-        return True, best
+        return True, best, 0.0
     radius = verifier.tolerance_sigmas * upper_median(sigma)
     spots = _spot_map(seen, _REACH * radius)
     # Of the difference of two directions.
@@ -153,11 +161,11 @@ def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray
                                     if found.false_alarm < best.false_alarm:
                                         best = found
                                         if best.false_alarm <= false_alarm_max:
-                                            return True, best
+                                            return True, best, clock.work_ns[1] + work
                             row += 1
                 if time_is_up(clock, work):
-                    return False, best
-    return True, best
+                    return False, best, clock.work_ns[1]
+    return True, best, clock.work_ns[1]
 
 
 @compiled

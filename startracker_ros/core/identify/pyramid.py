@@ -20,6 +20,7 @@ This is the method for general use, compiled throughout.
 
 from copy import copy
 from functools import partial
+import math
 import time
 from typing import NamedTuple, Self
 
@@ -34,7 +35,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.association import count_matched, fit
 from startracker_ros.core.identify.cache import cached_pairs
-from startracker_ros.core.identify.clock import search_clock, time_is_up
+from startracker_ros.core.identify.clock import search_clock, SearchClock, time_is_up
 from startracker_ros.core.identify.false_alarm import least_matches
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
@@ -162,15 +163,33 @@ class PyramidIdentifier(Identifier):
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""
-        return self.identify_within(centroids, self.options.time_limit_s)
+        return self._identified_by(
+            centroids, time.thread_time() + self.options.time_limit_s, math.inf)[0]
 
-    def identify_within(self, centroids: Centroids, time_limit_s: float) -> Identification:
-        """Return the stars of the first triangle that is verified in this time."""
+    def identify_within(self, centroids: Centroids, work_s: float) -> tuple[Identification, float]:
+        """
+        Return the stars of the first triangle that is verified by so much work, and what it took.
+
+        Work is counted in the seconds that it is expected to take on a processor of 3 GHz, so
+        that results are the same on all machines.
+        """
+        found, work_ns = self._identified_by(centroids, math.inf, 1e9 * work_s)
+        return found, 1e-9 * work_ns
+
+    def _identified_by(self, centroids: Centroids, deadline_s: float, most_ns: float
+                       ) -> tuple[Identification, float]:
+        """Return the result of a search with the limits of a SearchClock, and its work in ns."""
         options = self.options
-        outcome, used, tested, false_alarm, ratio, matched, found, fitted = _identify(
+        outcome, used, tested, false_alarm, ratio, matched, found, fitted, work_ns = _identify(
             self._database, centroids.uv, -centroids.flux, centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
-            time.thread_time() + time_limit_s)
+            deadline_s, most_ns)
+        return self._result(centroids, outcome, used, tested, false_alarm, ratio, matched, found,
+                            fitted), work_ns
+
+    def _result(self, centroids: Centroids, outcome: int, used: int, tested: int,
+                false_alarm: float, ratio: float, matched: int, found: tuple, fitted: tuple
+                ) -> Identification:
         if outcome == _IDENTIFIED:
             hip, magnitude, residual_px = found
             return Identification('identified', f'{matched} stars', hip, magnitude, residual_px,
@@ -188,20 +207,21 @@ class PyramidIdentifier(Identifier):
 
 @compiled
 def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_px: np.ndarray,
-              max_stars: int, sigma_floor_px: float, false_alarm_max: float, deadline_s: float
-              ) -> tuple[int, int, int, float, float, int, tuple, tuple]:
+              max_stars: int, sigma_floor_px: float, false_alarm_max: float, deadline_s: float,
+              most_ns: float) -> tuple[int, int, int, float, float, int, tuple, tuple, float]:
     """
     Search, and return the best verification as the result of all centroids.
 
     The centroids at uv (N, 2) are used in the order of faintness (N,), any ascending measure.
     Return outcome, number of stars used, triangles tested, false-alarm probability, focal ratio,
-    number of stars matched, per_centroid() and fit().
+    number of stars matched, per_centroid(), fit() and the work in ns.
     """
     verifier, lens = database.verifier, database.lens
     index, image, sigma = usable_stars(lens, uv, np.argsort(faintness), sigma_px, max_stars,
                                        sigma_floor_px)
+    clock = search_clock(deadline_s, most_ns)
     outcome, tested, best = _search(database.levels, verifier, image, sigma, false_alarm_max,
-                                    deadline_s)
+                                    clock)
     residual_px = best.residual * np.sqrt(lens.fx * lens.fy)
     # Scalars: a tuple of arrays would cost a microsecond on its way to Python.
     return (outcome, len(index), tested, best.false_alarm, best.focal_ratio,
@@ -209,12 +229,12 @@ def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_
             per_centroid(len(uv), index, best.star, residual_px, verifier.hip,
                          verifier.magnitude),
             fit(verifier.sky, lens.equidistant, plane_points(lens.equidistant, image), sigma,
-                best.focal_ratio, best.star, best.matrix))
+                best.focal_ratio, best.star, best.matrix), clock.work_ns[1])
 
 
 @compiled
 def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: np.ndarray,
-            sigma: np.ndarray, false_alarm_max: float, deadline_s: float
+            sigma: np.ndarray, false_alarm_max: float, clock: SearchClock
             ) -> tuple[int, int, Verification]:
     """
     Test triangle after triangle until one is verified, none is left or time is up.
@@ -228,7 +248,6 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
     base = np.empty(3, np.int64)
     if len(image) < _MIN_STARS:
         return _TOO_FEW, 0, best
-    clock = search_clock(deadline_s)
     for level in levels:
         state = new_state(len(image), level.image_stars)
         for looked_up in range(level.triangles):

@@ -57,3 +57,17 @@ def test_seven_stars_among_ten_false_ones_are_found_before_the_end(identifier):
             np.count_nonzero(result.hip) >= 6 and len(seen) == 17)
     # 98 of 100 are: fewer than 55 of 60 have a probability of 1e-3.
     assert found >= 55
+
+
+def test_a_search_of_limited_work_is_the_same_on_every_machine(identifier):
+    seen, _ = star_list(onboard_stars(CAMERA, EPOCH_YEAR, 6.0), CAMERA,
+                        random_attitude(np.random.default_rng(5)), 0.3,
+                        np.random.default_rng(5), missing=1.0, false=25)
+    tested = []
+    for work_s in (1e-3, 1e-3, 2e-3):
+        result, spent_s = identifier.identify_within(seen, work_s)
+        assert result.status == 'time_limit' and work_s < spent_s < work_s + 1e-3
+        tested.append(int(result.reason.split(', ')[1].split()[0]))
+    assert tested[0] == tested[1] < tested[2]
+    _, spent_s = identifier.identify_within(seen, 100.0)
+    assert 2e-3 < spent_s < 100.0

@@ -18,7 +18,7 @@ from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import random_attitude, rotate
 
 SIGMAS = 3.5
-NO_LIMIT = search_clock(np.inf)
+NO_LIMIT = search_clock(np.inf, np.inf)
 
 
 def make(direction, scale_error):
@@ -133,6 +133,6 @@ def test_a_search_ends_within_a_triangle_when_time_is_up():
     for deadline_s in (0.0, np.inf):
         count = np.zeros(1, np.int64)
         catalogue_triangles(level, verifier, image, sigma, np.arange(3), count,
-                            search_clock(deadline_s))
+                            search_clock(deadline_s, np.inf))
         tested.append(count[0])
     assert 10 * tested[0] < tested[1]
