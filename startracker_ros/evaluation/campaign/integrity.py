@@ -138,7 +138,8 @@ def integrity_runs(name: str, trials: int, seed: int) -> Tally:
         return image_runs(name, trials, seed)
     runs = LIST_RUNS * trials
     if name in MOTION_CONDITIONS:
-        return motion_runs(name, runs, seed)
+        # The runs have seeds in turn, as the trials of one part after the other.
+        return motion_runs(name, runs, LIST_RUNS * seed)
     rng = np.random.default_rng(seed)
     return sum((_run(CONDITIONS[name], rng) for _ in range(runs)), Tally())
 

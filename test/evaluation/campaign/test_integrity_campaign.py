@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from skies import SMALL_CAMERA
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.evaluation.campaign import integrity
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs, LIST_RUNS
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
 from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of, tally_of_rate
+from startracker_ros.evaluation.campaign.parallel import split_trials
 from startracker_ros.sim.sky.detector import DetectorOptions
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
@@ -122,6 +124,15 @@ def test_a_rate_beyond_its_covariance_is_counted():
     tally = tally_of_rate(np.array([0.0, 7e-6, 0.0]), np.eye(3) * 1e-12, np.array([0, 1e-6, 0]))
     assert tally.rates_wrong == 1 and tally.rates_nees == pytest.approx(36)
     assert tally_of_rate(np.zeros(3), np.eye(3) * 1e-12, np.zeros(3)) == Tally()
+
+
+def test_no_run_of_a_campaign_is_counted_twice(monkeypatch):
+    seeds = []
+    monkeypatch.setattr(integrity, 'motion_runs', lambda name, runs, seed: seeds.extend(
+        range(seed, seed + runs)))
+    for part in split_trials(22, 4, 7):
+        integrity_runs('list, no sway', *part)
+    assert len(seeds) == len(set(seeds)) == 22 * LIST_RUNS
 
 
 def test_tallies_add_up():
