@@ -168,8 +168,7 @@ class BodyMotion:
         innovation = rate - after.rate
         S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
         if innovation @ np.linalg.solve(S, innovation) > GATE:
-            for one in self._agreements.values():
-                one.interrupt()
+            self.forget_gyro()
             self.gyro_trouble = reported + f'the heads {rate_text(after.rate)}'
         elif agreement.is_enough(GYRO_FRAMES):
             self.uses_gyro, self.gyro_trouble = True, ''

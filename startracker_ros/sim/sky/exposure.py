@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -61,22 +62,21 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
         if line_time_s:
             path[:] = _rolling_shutter(
                 camera, sensor, sources.drift_rad_s @ matrix,
-                _turn_in(motion, time_s + instant_s,
+                _turn_in(motion, state.q_icrf_from_sensor, time_s + instant_s,
                          abs(line_time_s) * (camera.height / 2 + margin_px)),
                 path, line_time_s, margin_px)
     return paths, weight
 
 
-def _turn_in(motion: Motion, time_s: float, reach_s: float
+def _turn_in(motion: Motion, q: np.ndarray, time_s: float, reach_s: float
              ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what gives the turn (N, 3) on sensor axes at delays (N,) of up to reach_s."""
-    middle = motion.at(time_s).q_icrf_from_sensor
-    delay_s = reach_s * np.polynomial.chebyshev.chebpts1(_ROW_ATTITUDES)
-    turn = [rotation_between(middle, motion.at(time_s + delay).q_icrf_from_sensor)
-            for delay in delay_s]
-    coefficients = np.polynomial.chebyshev.chebfit(delay_s / reach_s, turn, _ROW_ATTITUDES - 1)
-    return lambda delays_s: np.polynomial.chebyshev.chebval(
-        delays_s / reach_s, coefficients).T
+    """Return what gives the turn (N, 3) from q at a time, at delays (N,) of up to reach_s."""
+    def turns(shares: np.ndarray) -> Any:
+        return np.array([
+            rotation_between(q, motion.at(time_s + share * reach_s).q_icrf_from_sensor)
+            for share in shares])
+    coefficients = np.polynomial.chebyshev.chebinterpolate(turns, _ROW_ATTITUDES - 1)
+    return lambda delay_s: np.polynomial.chebyshev.chebval(delay_s / reach_s, coefficients).T
 
 
 def _rolling_shutter(camera: Camera, sensor: np.ndarray, drift_rad_s: np.ndarray,

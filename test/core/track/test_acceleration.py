@@ -84,8 +84,11 @@ def test_the_next_angle_and_rate_of_a_sway_are_predicted(amplitude_deg, period_s
     assert mean < 0.1 * held_change + noise
 
 
-@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [(0.2, 2.0), (0.05, 1.0), (0.01, 0.35)])
-def test_the_error_of_the_newest_attitude_is_in_the_shift_by_its_share(amplitude_deg, period_s):
+# Of an oscillation that may be a vibration half of the shift is taken out.
+@pytest.mark.parametrize(('amplitude_deg', 'period_s', 'part'), [
+    (0.2, 2.0, 1.0), (0.05, 1.0, 1.0), (0.01, 0.35, 0.5)])
+def test_the_error_of_the_newest_attitude_is_in_the_shift_by_its_share(
+        amplitude_deg, period_s, part):
     angle, turns = sway(amplitude_deg, period_s), []
     for error in (0.0, 1e-3 * SIGMA):
         found = list(frames(angle, count=80))[-1][0]
@@ -98,7 +101,7 @@ def test_the_error_of_the_newest_attitude_is_in_the_shift_by_its_share(amplitude
     assert before.way == found.estimate.way != STEADY
     # What the error changes of the fitted frequency is small.
     assert (turns[1] - turns[0]) / (1e-3 * SIGMA) == pytest.approx(shift.share, abs=0.02)
-    assert abs(shift.share) > 0.01
+    assert abs(shift.share) > 0.02 * part
 
 
 def test_a_steady_turn_costs_next_to_nothing():
