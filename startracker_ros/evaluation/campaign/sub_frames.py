@@ -64,6 +64,7 @@ def _frames(condition: MotionCondition, rng: np.random.Generator) -> Iterator[_S
     pipeline = star_tracker()
     pipeline.reset()
     attitude = attitudes(condition, rng, FRAMES)
+    offsets_s = ((np.arange(SUB_FRAMES) + 0.5) / SUB_FRAMES - 0.5) * _STEP_S
     for frame in range(FRAMES):
         time_s, stamp_ns = (frame + 1) * _STEP_S, START_NS + round(frame * _STEP_S * 1e9)
         seen, hip = star_list(onboard_stars(), CAMERA, attitude(np.array([time_s]))[0], SIGMA_PX,
@@ -76,9 +77,8 @@ def _frames(condition: MotionCondition, rng: np.random.Generator) -> Iterator[_S
         if published is None:
             continue
         information = _information(seen)
-        between = published.sub_frames(SUB_FRAMES, round(_STEP_S * 1e9))
-        offsets_s = np.array([one.stamp_ns - stamp_ns for one in between]) * 1e-9
-        for one, offset_s, truth in zip(between, offsets_s, attitude(time_s + offsets_s)):
+        for one, offset_s, truth in zip(published.sub_frames(SUB_FRAMES, round(_STEP_S * 1e9)),
+                                        offsets_s, attitude(time_s + offsets_s)):
             error, P = attitude_error(one.quaternion, truth), one.covariance_sensor
             to_time = np.hstack([np.eye(3), offset_s * np.eye(3)])
             bound = to_time @ np.linalg.solve(information, to_time.T)
