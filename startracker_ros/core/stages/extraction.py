@@ -38,7 +38,7 @@ COMPARED = 64  # rows of an image,
 COMPARED_COLUMNS = 512  # of them, in the middle; first one in COMPARED_PX:
 COMPARED_PX = 32  # rows that differ there are not equal
 LEAST_NOISY = 0.02  # share of a row's pixels that are not its median: it is no dead or dark row
-LEAST_ROWS = 4
+LEAST_ROWS = 0.5  # share of the rows that are noisy: compression leaves noise in few
 
 
 @dataclass(frozen=True)
@@ -416,7 +416,7 @@ class StaleRows:
             sample != np.median(sample, axis=1, keepdims=True), axis=1) >= LEAST_NOISY)
         stale = (sample[noisy] == before[noisy]).all(axis=1)
         changes = int(np.count_nonzero(stale[1:] != stale[:-1]))
-        if len(noisy) < LEAST_ROWS or not stale.any() or changes > 1:
+        if len(noisy) < LEAST_ROWS * len(sample) or not stale.any() or changes > 1:
             return 0, 0
         rows = noisy[stale] * step
         return int(rows[0]), len(image) - 1 if stale[-1] else int(rows[-1])
