@@ -185,7 +185,8 @@ class StarTracker:
         if attitude is not None:
             reasons = []
         else:
-            reasons.append(self.tracker.reason if tracked is None else trusted.reason)
+            reasons.append(self.tracker.contradiction or self.tracker.reason
+                           if tracked is None else trusted.reason)
             if found is not None and found.attitude is None:
                 reasons.append(found.reason)
         return FrameResult(stamp_ns, centroids, found, tracks, tracked, attitude,

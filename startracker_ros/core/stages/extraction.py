@@ -209,6 +209,8 @@ class ExtractionStage:
         if last and not repeated:
             return _refused('torn', f'the rows {first} to {last} are those of the frame before: '
                             'a torn frame')
+        if repeated and self._stale_rows.vary:
+            return _refused('repeated', 'the image is that of the frame before, with its noise')
         if 0 < interval_s < self._line_time_s * len(image):
             return _refused('readout', f'read-out of {self._line_time_s * len(image):.3g} s, but '
                             f'{interval_s:.3g} s since the frame before: is line_time_us right?')
@@ -383,9 +385,15 @@ def _motion_px(streak: Streak) -> np.ndarray:
 
 
 class StaleRows:
-    """Compares each image with the one before; two exposures never have the same noise."""
+    """
+    Compares each image with the one before; two exposures never have the same noise.
+
+    vary is whether two images in turn have differed everywhere: one that is shown again and again
+    from the start is no fault.
+    """
 
     def __init__(self) -> None:
+        self.vary = False
         self._before, self._spare = np.empty((0, 0)), np.empty((0, 0))
         self._pixels = np.empty((0, 0))
 
@@ -410,7 +418,10 @@ class StaleRows:
         # Few pixels first, side by side in memory.
         pixels = sample[:, ::COMPARED_PX].copy()
         alike, self._pixels = (pixels == self._pixels).all(axis=1), pixels
-        if not alike.any() or not (sample[alike] == before[alike]).all(axis=1).any():
+        if not alike.any():
+            self.vary = True
+            return 0, 0
+        if not (sample[alike] == before[alike]).all(axis=1).any():
             return 0, 0
         noisy = np.flatnonzero(np.mean(
             sample != np.median(sample, axis=1, keepdims=True), axis=1) >= LEAST_NOISY)

@@ -19,7 +19,6 @@ from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.maths.small_algebra import is_positive_definite
 from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, STEADY
 from startracker_ros.core.track.consistency import Residuals
@@ -139,7 +138,6 @@ class AttitudeModel(StarModel):
         self._jumps, self._mixture = RateJumps(), NO_JUMP
         self._rate_doubt, self._changed_frames = _NO_ERROR, RATE_DOUBT_FRAMES
         self._hidden_jumps, self._process_noise = HiddenJumps(), ProcessNoise()
-        self._positions = b''
         self._moved, self._streaked = np.zeros(3), False
         self._rows = _Rows(0.0, np.zeros(3))
 
@@ -219,8 +217,7 @@ class AttitudeModel(StarModel):
 
         Stars icrf (N, 3), centroids of covariance error (M, 2, 2), common that of all (3, 3).
         """
-        sparse, positions = self.is_sparse(frame), frame.uv.tobytes()
-        repeated, self._positions = positions == self._positions, positions
+        sparse = self.is_sparse(frame)
         nominal: _Explanation | None = None
         confirmed: _Explanation | None = None
         for hypothesis in self._hypotheses(stamp_ns, sparse):
@@ -230,9 +227,7 @@ class AttitudeModel(StarModel):
                 np.ascontiguousarray(self._at_frame_time(frame, predicted).uv), error,
                 frame.delay_s, self._detection)
             explanation = hypothesis, correction
-            if (not self._is_consistent(correction, hypothesis.gate)
-                    or repeated and self._is_old(hypothesis.state, _with_error(
-                        correction.state, common))):
+            if not self._is_consistent(correction, hypothesis.gate):
                 nominal = nominal or explanation
                 if sparse:
                     break
@@ -294,19 +289,6 @@ class AttitudeModel(StarModel):
             stamp_ns, density + acceleration.process * dt_s, self._gyro.drift_density)
         return after._replace(state=after.state._replace(
             rate=state.rate + acceleration.mean * dt_s))
-
-    def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
-        """
-        Return whether the stars of equal centroids should have moved: the image is an old one.
-
-        Two images of stars that stand still, as at the turning points of a sway, differ by noise.
-        """
-        before = self._state
-        information = np.linalg.inv(before.covariance[:3, :3] + corrected.covariance[:3, :3])
-        moved = attitude_error(predicted.quaternion, before.quaternion)
-        left = attitude_error(corrected.quaternion, before.quaternion)
-        return bool(left @ information @ left < NIS_GATE
-                    and moved @ information @ moved > 4 * NIS_GATE)
 
     def _is_consistent(self, correction: Correction, gate: float) -> bool:
         """Return whether the fit of the inliers is good and its innovation within the gate."""

@@ -31,6 +31,7 @@ from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars, zero_point
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
+from startracker_ros.core.track.repetition import REPEATED, Repetition
 from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.core.track.start import HintedStart, Start, start_of_prediction, start_of_two
 from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
@@ -108,6 +109,7 @@ class TrackFilter:
     def reset(self) -> None:
         """Drop everything but the counts and the track numbers."""
         self._stamp_ns: int | None = None
+        self._repetition = Repetition()
         self._recent: deque[tuple[int, Centroids]] = deque(maxlen=RECENT_FRAMES)
         self._gyro = Gyro(self._gyro_options)
         self.hints = HintedStart()
@@ -214,6 +216,9 @@ class TrackFilter:
             self.reset()
             self.reason = f'time jumped back by {back_s:.1f} s'
         frame = self._usable(centroids)[0]
+        repeated = self._repetition.add(frame)
+        if repeated:
+            frame = Centroids.empty()
         self._stamp_ns = stamp_ns
         self._recent.append((stamp_ns, frame))
         self.frames_since_fix += 1
@@ -222,6 +227,8 @@ class TrackFilter:
                         f'no second identification within {self._options.max_gap_s:g} s')
         if self.state is TrackerState.TRACKING and stamp_ns != self._bank_stamp_ns:
             self._track(stamp_ns, frame)
+            if repeated:
+                self.contradiction = REPEATED
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
         return self._model.bank.to_tracks(
@@ -232,8 +239,10 @@ class TrackFilter:
         """
         Process an identified frame: hip (N,) of each centroid, 0 where it is unknown.
 
-        Frames with too few stars or a poor fit are ignored.
+        Frames with too few stars or a poor fit are ignored, and those that update() left out.
         """
+        if any(stamp == stamp_ns and not len(recent) for stamp, recent in self._recent):
+            return
         centroids, good = self._usable(centroids)
         sky = self.sky.at(stamp_ns)
         frame, misfit = fit_identified(self._camera, sky, self._options, stamp_ns, centroids,
@@ -295,8 +304,9 @@ class TrackFilter:
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
         self.contradiction = ''
-        self._before_ns = self._bank_stamp_ns = 0
-        self._good_stamp_ns = 0
+        self._before_ns: int = 0
+        self._bank_stamp_ns: int = 0
+        self._good_stamp_ns: int = 0
         self._bad_frames = 0
         self._history.clear()
 

@@ -11,6 +11,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
 from startracker_ros.core.star_tracker import StarTracker
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
@@ -94,6 +95,28 @@ def test_a_repeated_image_is_no_attitude_while_the_stars_move():
     assert all(results[k][0].attitude is None for k in (10, 11))
     assert results[9][0].attitude is not None
     assert over_bound(*results[15]) < 1
+
+
+def test_a_frozen_camera_gives_no_attitude_however_slowly_the_stars_move():
+    last = {}
+
+    def freeze(index, image):
+        last['image'] = last['image'] if 10 <= index < 66 else image
+        return last['image']
+
+    results = [(result, frame) for _, result, frame in run(70, (0.001, 0.0, 0.0), change=freeze)]
+    # Not after the track is lost either, when any image is searched as a whole.
+    assert all(result.attitude is None and 'image is that of the frame before' in result.reason
+               for result, _ in results[10:66])
+    assert results[65][0].state is TrackerState.LOST
+    assert over_bound(*results[9]) < 1 and over_bound(*results[69]) < 1
+
+
+def test_one_image_that_is_shown_again_and_again_has_an_attitude():
+    first = {}
+    *_, (_, result, _) = run(6, (0.0, 0.0, 0.0), change=lambda index, image: first.setdefault(
+        'image', image))
+    assert result.attitude is not None
 
 
 def test_a_readout_longer_than_the_frame_interval_is_named():

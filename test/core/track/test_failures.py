@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""States that are given up by name: a diverged filter, no covariance, a gyro at its range."""
+"""What is named: a diverged filter, no covariance, a frozen source, a gyro at its range."""
 
 import numpy as np
 from star_motion import Motion, sky, START_NS, STEP_NS
@@ -9,6 +9,7 @@ from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track import attitude_model
 from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.repetition import REPEATED
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
@@ -61,6 +62,27 @@ def test_a_covariance_that_is_none_is_given_up():
     tracker.update(stamp_ns, centroids)
     assert tracker.attitude is None and tracker.state is TrackerState.LOST
     assert 'not positive definite' in tracker.reason
+
+
+def test_the_centroids_of_a_frozen_source_are_not_used():
+    motion = Motion(ONBOARD, (0.0, 0.001, 0.0), sigma_px=0.05)
+    tracker = tracking(motion)
+    stamp_ns, centroids, hip = motion.frame(12)
+    tracker.update(stamp_ns, centroids)
+    assert tracker.attitude is not None
+    for frame in range(13, 70):
+        repeated_ns = motion.frame(frame)[0]
+        assert not tracker.update(repeated_ns, centroids).usable.any()
+        assert tracker.attitude is None
+        if tracker.state is TrackerState.TRACKING:
+            assert tracker.contradiction == REPEATED
+        tracker.identified(repeated_ns, centroids, hip)
+    assert tracker.state is TrackerState.LOST
+    for frame in range(70, 73):
+        stamp_ns, centroids, hip = motion.frame(frame)
+        tracker.update(stamp_ns, centroids)
+        tracker.identified(stamp_ns, centroids, hip)
+    assert tracker.attitude is not None
 
 
 def test_a_gyro_at_its_range_is_told_and_not_used():
