@@ -27,7 +27,7 @@ _HOTTEST_C = 150.0  # of electronics; in kelvin that would be colder than any he
 _MEAN = 3.0  # of the normalised innovation squared of an attitude
 _FRAMES = 32  # over which it is averaged
 _SUSPICIOUS = 1.5  # times that of the best other head; 5 sigma of the average
-_RATE = 1 / 64  # slower than the average, so that the scale does not oscillate
+_RATE = 1 / 48  # slower than the average, so that the scale does not oscillate
 
 
 class HeadState(StrEnum):
