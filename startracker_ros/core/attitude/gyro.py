@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.options import option, Options
 
 _DEG_H = np.radians(1 / 3600)
@@ -198,12 +200,11 @@ class Gyro:
         end = bisect_right(self._stamps_ns, to_ns)
         if begin == end:
             return True
-        dt_s, P = (to_ns - state.stamp_ns) * 1e-9, state.covariance[3:]
-        S = P[:3, 3:6] + P[:3, 6:] + P[3:, 3:6] + P[3:, 6:] + np.diag(
-            self.noise_density / dt_s + variance * (dt_s / 2) ** 2)
-        innovation = (np.mean(self._rates[begin:end], axis=0) - state.drift - state.rate
-                      - acceleration * (dt_s / 2))
-        return bool(innovation @ np.linalg.solve(S, innovation) < UNEXPECTED)
+        dt_s = (to_ns - state.stamp_ns) * 1e-9
+        mean = sum(self._rates[begin:end]) / (end - begin)
+        return _unexpected(
+            state.rate, state.drift, state.covariance, mean - acceleration * (dt_s / 2),
+            self.noise_density / dt_s + variance * (dt_s / 2) ** 2) < UNEXPECTED
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""
@@ -215,3 +216,19 @@ class Gyro:
         variance = (self.noise_density / min(dt_s, measured_s)
                     + (self._rate_change_rad_s2 * dt_s) ** 2)
         return np.mean(self._rates[first:last], axis=0), variance
+
+
+@compiled
+def _unexpected(rate: np.ndarray, drift: np.ndarray, P: np.ndarray, measured: np.ndarray,
+                variance: np.ndarray) -> float:
+    """Return chi-square of a rate measured (3,) with a variance (3,) by a state, P (9, 9)."""
+    S, innovation, total = np.empty((3, 3)), measured - drift - rate, 0.0
+    for i in range(3):
+        for j in range(3):
+            S[i, j] = P[3 + i, 3 + j] + P[3 + i, 6 + j] + P[6 + i, 3 + j] + P[6 + i, 6 + j]
+        S[i, i] += variance[i]
+    information = inverse(S)
+    for i in range(3):
+        for j in range(3):
+            total += innovation[i] * information[i, j] * innovation[j]
+    return total

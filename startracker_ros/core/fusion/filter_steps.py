@@ -55,6 +55,21 @@ def propagated(P: np.ndarray, turn: np.ndarray, F: Transition, Q: Noise, walk: n
 
 
 @compiled
+def with_body(P: np.ndarray, body: np.ndarray, F: np.ndarray, walk: np.ndarray) -> np.ndarray:
+    """Return P after a step in which the body has got a covariance (9, 9) by F (9, 9)."""
+    after, size = P.copy(), len(body)
+    after[:size, :size] = body
+    for j in range(size, len(P)):
+        for i in range(size):
+            total = 0.0
+            for k in range(size):
+                total += F[i, k] * P[k, j]
+            after[i, j] = after[j, i] = total
+        after[j, j] += walk[j - size]
+    return after
+
+
+@compiled
 def body_attitude(q: np.ndarray, sensor_from_body: np.ndarray, matrix: np.ndarray,
                   C: np.ndarray, B: np.ndarray, c: np.ndarray
                   ) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,12 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the body moves from one frame to the next: by the gyro, or at a constant rate."""
+"""How the body moves from one frame to the next: by the gyro, at a constant rate, or both."""
 
 import math
 
 import numpy as np
+from startracker_ros.core.attitude.attitude_state import Prediction
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions, rate_text
 from startracker_ros.core.fusion.motion_level import MotionLevel
 from startracker_ros.core.fusion.options import FusionOptions
@@ -39,6 +40,7 @@ class BodyMotion:
     def reset(self) -> None:
         """Forget the rates."""
         self._level.reset()
+        self._newest: tuple[FusedState, int, Prediction | None] | None = None
         self.gyro_trouble = ''
         self._begin_gyro()
 
@@ -65,6 +67,7 @@ class BodyMotion:
 
         A jump of time back by more than a second is another gyro.
         """
+        self._newest = None
         silent_s = self._gyro.silent_s(stamp_ns)
         if silent_s <= 0:
             if silent_s > -GYRO_SILENCE_S:
@@ -103,9 +106,31 @@ class BodyMotion:
         """Return a state at a later time; factor is that of the acceleration without a gyro."""
         if not self.gyro_runs(to_ns):
             return self.at_constant_rate(state, to_ns, factor)
-        gyro = self._gyro
+        filtered, gyro = self._filtered(state, to_ns), self._gyro
+        if filtered is not None:
+            return state.after(filtered, self._walk)
         return state.at_gyro_rate(
             gyro.steps(state.stamp_ns, to_ns), gyro.drift_density, self._walk)
+
+    def _filtered(self, state: FusedState, to_ns: int) -> Prediction | None:
+        """
+        Return the body at a constant rate, updated by the gyro; None if it turns in another way.
+
+        What the heads show of a smooth motion is more than a noisy gyro knows.
+        """
+        # A frame is predicted, and then corrected by the same prediction.
+        if self._newest is None or self._newest[0] is not state or self._newest[1] != to_ns:
+            self._newest = state, to_ns, self._filter(state, to_ns)
+        return self._newest[2]
+
+    def _filter(self, state: FusedState, to_ns: int) -> Prediction | None:
+        body, density = state.body, self._level.level * self._density
+        # The mean rate of an interval dt changes by density dt / 3, a mean acceleration a by
+        # a dt / 2.
+        variance = density * 4 / 3 / max((to_ns - state.stamp_ns) * 1e-9, 1e-9)
+        if not self._gyro.expects(body, to_ns, np.zeros(3), np.full(3, variance)):
+            return None
+        return self._gyro.filtered(body, to_ns, np.zeros(3), np.full(3, density))
 
     def at_constant_rate(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
         """Return the same without the gyro."""
@@ -113,17 +138,22 @@ class BodyMotion:
                                       self._gyro.drift_density, self._walk)
 
     def started(self) -> None:
-        """Know nothing of the motion without a gyro until the heads show it."""
+        """Know nothing of the motion until the heads show it."""
         self._level.doubt()
 
     def learnt(self, before: FusedState, predicted: FusedState, innovation: Innovation,
                corrected: FusedState, factor: float) -> FusedState:
-        """Return a corrected state by what its frame says of the motion without a gyro."""
-        if factor != 1 or self.gyro_runs(predicted.stamp_ns):
+        """Return a corrected state by what its frame says of how the rate changes."""
+        stamp_ns, prediction = predicted.stamp_ns, None
+        if factor == 1 and self.gyro_runs(stamp_ns):
+            prediction = self._filtered(before, stamp_ns)
+        elif factor == 1:
+            prediction = before.body.predicted_at_constant_rate(
+                stamp_ns, np.full(3, self._level.level * self._density), 0.0)
+        if prediction is None:
             self._level.interrupt()
             return corrected
-        return self._level.add(before, predicted, innovation, corrected,
-                               self._level.level * self._density)
+        return self._level.add(prediction, predicted, innovation, corrected)
 
     def contradict_gyro(self, trouble: str) -> None:
         """Let the gyro agree with the heads for longer before it is used again."""

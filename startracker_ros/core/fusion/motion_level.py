@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How much the rate of a body without a gyro changes, by the innovations of the heads.
+How much the rate of a body changes, by the innovations of the heads.
 
 The process noise is level times the assumed one. With P_Q the part of the covariance by it, the
 score of process_noise.py tells by how much it is off: where the sum of the scores of the frames
@@ -10,18 +10,18 @@ so far is beyond SURE standard deviations, the level is k times as large, and so
 """
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.attitude_state import Prediction
 from startracker_ros.core.fusion.state import BODY, FusedState, Innovation
 from startracker_ros.core.track.process_noise import add_frame, ASSUMED, Memory
 
-SURE = 3.0
+SURE = 2.0
 FIRST = 100.0  # of a body of which no frame has shown how it moves
 MOST, LEAST = 100.0, 0.2  # times as large at once
 HIGHEST = 1e8  # of the level, beyond which nothing is predicted
 
 
 class MotionLevel:
-    """Learns level, 1 or more, by frames in turn that no gyro predicts."""
+    """Learns level, 1 or more, by frames in turn that no gyro alone predicts."""
 
     def __init__(self) -> None:
         self.reset()
@@ -41,18 +41,15 @@ class MotionLevel:
         for array in self._memory:
             array.fill(0.0)
 
-    def add(self, before: FusedState, predicted: FusedState, innovation: Innovation,
-            corrected: FusedState, density: float) -> FusedState:
+    def add(self, prediction: Prediction, predicted: FusedState, innovation: Innovation,
+            corrected: FusedState) -> FusedState:
         """
-        Add the prediction of a frame at a constant rate and its correction; return the latter.
+        Add the prediction of the body in a frame and its correction; return the latter.
 
-        density rad^2/s^3 is that of the prediction. Where the level changes, so does the
-        covariance of the state.
+        Where the level changes, so does the covariance of the state.
         """
         memory, P = self._memory, np.ascontiguousarray(predicted.covariance[:BODY, :BODY])
-        body = AttitudeState(*before[:4], np.ascontiguousarray(before.covariance[:BODY, :BODY]))
-        motion = body.predicted_at_constant_rate(predicted.stamp_ns, np.full(3, density), 0.0)
-        add_frame(memory, motion.transition, motion.process, P,
+        add_frame(memory, prediction.transition, prediction.process, P,
                   np.ascontiguousarray(corrected.covariance[:BODY, :BODY]), innovation.vector,
                   np.linalg.inv(innovation.information) - P[:3, :3])
         score, information = memory.score.sum(), memory.information.sum()

@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.attitude.gyro import GyroStep
 from startracker_ros.core.fusion import filter_steps
 from startracker_ros.core.maths.compiled_rotation import turned
@@ -72,6 +73,18 @@ class FusedState(NamedTuple):
     drift: np.ndarray
     coefficients: np.ndarray
     covariance: np.ndarray
+
+    @property
+    def body(self) -> AttitudeState:
+        """Return the state without the mounts."""
+        return AttitudeState(*self[:4], np.ascontiguousarray(self.covariance[:BODY, :BODY]))
+
+    def after(self, prediction: Prediction, walk: np.ndarray) -> 'FusedState':
+        """Return the state with a later one of the body; walk (M,) rad^2/s as below."""
+        body = prediction.state
+        return FusedState(*body[:4], self.coefficients, filter_steps.with_body(
+            self.covariance, body.covariance, prediction.transition,
+            walk * ((body.stamp_ns - self.stamp_ns) * 1e-9)))
 
     def at_constant_rate(self, to_ns: int, density: float, drift_density: float,
                          walk: np.ndarray) -> 'FusedState':

@@ -311,7 +311,7 @@ def _rows_snapshots(case: str, rows: np.ndarray) -> list[Row]:
 def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows[:, :4].sum(axis=0)
     cpu_us = float(np.median(rows[:, 4]))
-    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=2.7, most=3.3),
+    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=2.4, most=3.3),
             Row('heads drop in and out: fused frames', frames, 'frames'),
             *_wrong_rows('heads drop in and out', wrong, gross),
             Row('processor time of a frame', cpu_us, 'us', most=300)]
