@@ -289,8 +289,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'star lists': f'centroids of {SIGMA_PX:g} px, stars to V {MAGNITUDE_LIMIT:g}; runs of '
                       f'{FRAMES} frames, or 20 where nothing can be right, {LIST_RUNS} for each '
                       'trial',
-        'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits and '
-                  'spots come after 10 clean frames',
+        'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits, '
+                  'spots and slow repetitions come after 10 clean frames',
         'lists of motions': f'the rows "list, ...": centroids of {MOTION_SIGMA_PX:g} px in the '
                             f'centre of the light; runs of {MOTION_FRAMES} frames, {LIST_RUNS} '
                             'for each trial',

@@ -186,6 +186,9 @@ IMAGE_CONDITIONS = {
     'coma': ImageCondition(detector=DetectorOptions(coma_corner_px=3.0), needed_percent=95.0),
     'repeated frames': ImageCondition(
         0.5, artefacts=ArtefactOptions(repeated_frame_probability=0.1), needed_percent=80.0),
+    'repeated frames 0.002 deg/s': ImageCondition(
+        0.002, artefacts=ArtefactOptions(repeated_frame_probability=0.3), needed_percent=60.0,
+        clean_frames=CLEAN_FRAMES),
     'preset harsh': ImageCondition(
         detector=with_preset(DetectorOptions(), 'harsh'),
         artefacts=with_preset(ArtefactOptions(), 'harsh'),
