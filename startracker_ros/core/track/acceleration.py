@@ -69,6 +69,7 @@ fit of a star whose light that spreads within the exposure is off by as much, 1 
 WHITE_SIGMAS = 2.0
 """Standard deviations of a mean squared error by chance, beyond which single attitudes err."""
 
+WHITE_WEIGHT = 7.0  # frames from which on errors of single attitudes have a limit
 SLOW_B = 1.8  # 14 frames in a period: a slower oscillation may be a torque, which may end
 ROOM_SIGMAS = 3.0  # of the normal distribution, of chi-square that is too small by chance
 
@@ -349,7 +350,8 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
                 significant * weight / max(square[STEADY, axis], 1e-300), 1.0)
             left = excess > WHITE_SIGMAS * math.sqrt(2 / weight) * chance
             white[axis] = room * excess / chance2 if left else 0.0
-            if way != OSCILLATION or not LEAST_B < b <= SLOW_B:
+            if (way != OSCILLATION or not LEAST_B < b <= SLOW_B
+                    or numbers[FITTED] < WHITE_WEIGHT):
                 # Stamps that err to and fro look like an oscillation of two frames in a period.
                 white[axis] = np.inf
             last = recent[0, axis]
