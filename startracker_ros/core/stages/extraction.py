@@ -388,8 +388,8 @@ class StaleRows:
     """
     Compares each image with the one before; two exposures never have the same noise.
 
-    vary is whether two images in turn have differed everywhere: one that is shown again and again
-    from the start is no fault.
+    vary is whether two images in turn have differed in each row that has noise: one that is shown
+    again and again from the start is no fault.
     """
 
     def __init__(self) -> None:
@@ -418,16 +418,17 @@ class StaleRows:
         # Few pixels first, side by side in memory.
         pixels = sample[:, ::COMPARED_PX].copy()
         alike, self._pixels = (pixels == self._pixels).all(axis=1), pixels
-        if not alike.any():
+        if not alike.any() or not (sample[alike] == before[alike]).all(axis=1).any():
             self.vary = True
-            return 0, 0
-        if not (sample[alike] == before[alike]).all(axis=1).any():
             return 0, 0
         noisy = np.flatnonzero(np.mean(
             sample != np.median(sample, axis=1, keepdims=True), axis=1) >= LEAST_NOISY)
         stale = (sample[noisy] == before[noisy]).all(axis=1)
         changes = int(np.count_nonzero(stale[1:] != stale[:-1]))
-        if len(noisy) < LEAST_ROWS * len(sample) or not stale.any() or changes > 1:
+        if len(noisy) < LEAST_ROWS * len(sample):
+            return 0, 0
+        self.vary |= not stale.any()
+        if not stale.any() or changes > 1:
             return 0, 0
         rows = noisy[stale] * step
         return int(rows[0]), len(image) - 1 if stale[-1] else int(rows[-1])

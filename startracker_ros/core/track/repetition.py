@@ -25,7 +25,8 @@ class Repetition:
         """
         if not len(frame):
             return False
-        before, self._before = self._before, frame.uv
+        # A caller may use the same array again.
+        before, self._before = self._before, frame.uv.copy()
         if len(before) and not self._vary:
             brightest_px = np.linalg.norm(before - frame.uv[0], axis=1).min()
             self._vary = bool(brightest_px > _MEASURED_PX)

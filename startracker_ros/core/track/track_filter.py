@@ -227,8 +227,10 @@ class TrackFilter:
                         f'no second identification within {self._options.max_gap_s:g} s')
         if self.state is TrackerState.TRACKING and stamp_ns != self._bank_stamp_ns:
             self._track(stamp_ns, frame)
-            if repeated:
-                self.contradiction = REPEATED
+        if repeated and self.state is TrackerState.TRACKING:
+            self.contradiction = REPEATED
+        elif repeated and self.state is TrackerState.LOST:
+            self.reason = REPEATED
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
         return self._model.bank.to_tracks(

@@ -38,6 +38,18 @@ def test_a_repeated_image_is_stale_as_a_whole():
     assert found(noise(0), noise(0)) == (0, 511)
 
 
+@pytest.mark.parametrize('dark', [0, 100])
+def test_images_that_differ_are_told_from_one_that_is_shown_again(dark):
+    rows, images = StaleRows(), [noise(0), noise(1)]
+    for image in images:
+        image[:dark] = 0
+    rows.find(images[0])
+    rows.find(images[0])
+    assert not rows.vary
+    rows.find(images[1])
+    assert rows.vary
+
+
 def test_rows_without_noise_say_nothing():
     dark = np.zeros((512, 640), np.uint16)
     assert found(dark, dark) == (0, 0)

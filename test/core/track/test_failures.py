@@ -77,12 +77,26 @@ def test_the_centroids_of_a_frozen_source_are_not_used():
         if tracker.state is TrackerState.TRACKING:
             assert tracker.contradiction == REPEATED
         tracker.identified(repeated_ns, centroids, hip)
-    assert tracker.state is TrackerState.LOST
+    assert tracker.state is TrackerState.LOST and tracker.reason == REPEATED
+    assert not tracker.contradiction
     for frame in range(70, 73):
         stamp_ns, centroids, hip = motion.frame(frame)
         tracker.update(stamp_ns, centroids)
         tracker.identified(stamp_ns, centroids, hip)
     assert tracker.attitude is not None
+
+
+def test_centroids_may_come_in_the_same_arrays():
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
+    tracker = tracking(motion)
+    for frame in range(12, 15):
+        stamp_ns, centroids, _ = motion.frame(frame)
+        count = min(20, len(centroids))
+        if frame == 12:
+            arrays = centroids.select(np.arange(count))
+        arrays.uv[:] = centroids.uv[:count]
+        tracker.update(stamp_ns, arrays)
+        assert tracker.attitude is not None
 
 
 def test_a_gyro_at_its_range_is_told_and_not_used():
