@@ -72,6 +72,9 @@ _LISTS, _SPOTS, _NEIGHBOURS = 3, 60, 7
 _TOLERANCE, _RATIO = 0.012, 1.15  # of codes; of the focal length that a quad shows
 _MOST_CANDIDATES = 20_000
 _CERTAIN, _BEST = 1e-9, 3
+# Rms of the residuals of the right lens, as a share of the long side and in px: one that has grown
+# into a part of the image only, with another projection, fits worse.
+_MOST_RESIDUAL, _LEAST_RESIDUAL_PX = 0.002, 3.0
 _MAGNITUDE_LIMIT = 5.5
 _STARS_PER_SPOT, _FEWEST_STARS = 2.0, 300
 _SKY = 2000  # directions by which the share of the sky in an image is measured
@@ -140,7 +143,7 @@ class UnknownLensIdentifier:
 
     def _attempt(self, lens: Lens, matched: np.ndarray, centroids: Centroids, false_alarm: float
                  ) -> Attempt | None:
-        """Return the result of a grown lens, None for one that no camera has."""
+        """Return the result of a grown lens, None where no camera has it or it fits badly."""
         row = np.flatnonzero(matched >= 0)
         try:
             model = EQUIDISTANT if lens.equidistant else PLUMB_BOB
@@ -154,11 +157,14 @@ class UnknownLensIdentifier:
                 np.maximum(centroids.sigma_px[row[inside]], 1.0) * camera.pixel_rad)
         except (CameraError, AttitudeError):
             return None
-        hip, magnitude, residual_px = per_centroid(
+        residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / camera.pixel_rad
+        if residual_px > max(_MOST_RESIDUAL * max(lens.width, lens.height), _LEAST_RESIDUAL_PX):
+            return None
+        hip, magnitude, unknown = per_centroid(
             len(centroids), np.arange(len(matched)), matched, np.full(len(matched), np.nan),
             self._onboard.hip, self._onboard.magnitude)
         return Attempt(
-            Identification('identified', f'{len(row)} stars', hip, magnitude, residual_px,
+            Identification('identified', f'{len(row)} stars', hip, magnitude, unknown,
                            attitude, 1.0, false_alarm),
             camera, self._onboard.after(self._years), centroids, camera)
 

@@ -56,6 +56,13 @@ def test_a_part_of_an_image_is_found_wherever_its_centre_is(identifier):
     assert solved >= 5
 
 
+def test_a_lens_that_has_grown_into_a_part_of_the_image_is_no_answer(identifier):
+    rng = np.random.default_rng(1_000_003 + 75)
+    night = [draw_cropped(rng) for _ in range(13)][-1]
+    # As a fisheye 23 stars of the right sky fit it to 5 px, others are 180 px off.
+    assert not list(identifier.identify([night.centroids], night.shape, FISHEYES))
+
+
 def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
     # Of its 40 brightest spots 11 are none, among them the four brightest.
     night = draw_night(np.random.default_rng([2, 15, 9]), 'equisolid')
