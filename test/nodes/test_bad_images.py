@@ -64,7 +64,7 @@ class Extractor:
         """Send good images after the bad one: they are answered with stars."""
         self.index += 1
         sent_ns, rng = set(), np.random.default_rng(self.index)
-        # No image is that of before: a camera that is frozen is told by its noise.
+        # Each has noise of its own: an image that is the one before is not used.
         cloud = self.probe.send_until(lambda: sent_ns.add(self.send(
             sky + rng.integers(0, 3, sky.shape, sky.dtype))), lambda: next(
             (c for c in self.probe.received['centroids']
