@@ -48,3 +48,5 @@ fused = _compiler(fastmath={'contract'})
 # Nor is the order of a sum fixed, so that several of its terms are added at once.
 reordered = _compiler(fastmath={'contract', 'reassoc'})
 inlined = _compiler(inline='always')
+# Other threads run meanwhile: for searches, which may take long.
+unlocked = _compiler(nogil=True)

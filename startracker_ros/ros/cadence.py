@@ -42,9 +42,14 @@ class Cadence:
         self._stamp_ns, self._arrived_s = stamp_ns, now_s
         return missing, ahead_s
 
+    @property
+    def interval_s(self) -> float | None:
+        """The usual interval between arrivals, None while it is not known."""
+        return _usual(self._arrival_steps_s)
+
     def is_silent(self, now_s: float) -> bool:
         """Return whether the next frame is long overdue."""
-        usual_s = _usual(self._arrival_steps_s)
+        usual_s = self.interval_s
         return usual_s is not None and (
             now_s - self._arrived_s > max(_SILENT_S, _SILENT_RATIO * usual_s))
 

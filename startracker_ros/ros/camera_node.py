@@ -287,6 +287,11 @@ class CameraNode(PipelineNode):
         elif ahead_s:
             self.diagnostics.report_event(f'{topic}: time went ahead by {ahead_s:.1f} s')
 
+    @property
+    def interval_s(self) -> float:
+        """The usual interval between the arrivals of frames, 0 while it is not known."""
+        return self._cadence.interval_s or 0.0
+
     def why_missing(self) -> str:
         """Return why frames of the source may be missing, and what to do, where it is known."""
         return ''

@@ -15,6 +15,7 @@ with it the other stars must agree with theirs (prior_verification.py).
 """
 
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
@@ -275,11 +276,14 @@ class RecursiveIdentifier:
                  gyro: GyroErrorOptions = GyroErrorOptions()) -> None:
         self._identifier = identifier
         self._propagator = AttitudePropagator(gyro)
+        # Rates may come in another thread than frames, which it never stops for a search.
+        self._propagates = Lock()
         self.condition = 'no frame yet'
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Process a rate (3,) about sensor axes, measured up to a time; False if unusable."""
-        return self._propagator.add_rate(stamp_ns, rate_rad_s)
+        with self._propagates:
+            return self._propagator.add_rate(stamp_ns, rate_rad_s)
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs; the prediction stays as it is."""
@@ -298,7 +302,8 @@ class RecursiveIdentifier:
         until the grid cannot use it any more: then frames are identified lost in space, unless
         the rates that were missing come later.
         """
-        prior = self._propagator.predict(stamp_ns)
+        with self._propagates:
+            prior = self._propagator.predict(stamp_ns)
         if prior is not None and not self._identifier.captures(prior):
             prior = None
         result = self._identifier.identify(centroids, prior)
@@ -311,10 +316,11 @@ class RecursiveIdentifier:
         self.condition = self._condition(prior)
         if result.attitude is not None:
             attitude = result.attitude.quaternion, result.attitude.covariance_sensor
-            if prior is None:
-                self._propagator.start(stamp_ns, *attitude)
-            else:
-                self._propagator.correct(*attitude)
+            with self._propagates:
+                if prior is None:
+                    self._propagator.start(stamp_ns, *attitude)
+                else:
+                    self._propagator.correct(*attitude)
         return result
 
     def _condition(self, prior: AttitudePrediction | None) -> str:

@@ -116,7 +116,7 @@ def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray
     image (N, 3) are the image stars, brightest first, sigma (N,) their errors in rad.
     """
     seen = plane_points(verifier.equidistant, image)
-    best, clock = rejected(len(image)), search_clock(np.inf, most_ns)
+    best, clock = rejected(len(image)), search_clock(np.inf, most_ns, np.full(1, np.inf))
     count = min(len(image), MOST_SPOTS)
     if count < FEWEST:
         return True, best, 0.0

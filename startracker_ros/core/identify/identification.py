@@ -114,6 +114,7 @@ class Identifier(ABC):
     Identifies frames of one camera at one epoch.
 
     A candidate is accepted only when all stars of the field verify it, whatever the method.
+    Another thread may end a search: until_s (1,) is the time.monotonic() at which it ends.
     """
 
     stars_per_field = 20.0
@@ -126,6 +127,7 @@ class Identifier(ABC):
                  catalog: StarCatalog | None = None) -> None:
         """Build the pattern database, or load it from the cache."""
         catalog = camera_catalog(camera) if catalog is None else catalog
+        self.until_s = np.full(1, np.inf)
         self.camera = camera
         self.options = options
         self.magnitude_limit = options.magnitude_limit or limit_for(
@@ -178,10 +180,12 @@ class Identifier(ABC):
 
     def time_limit(self, centroids: Centroids, tested: int,
                    false_alarm: float) -> Identification:
-        """Return the result of a search that reached time_limit_s."""
+        """Return the result of a search that reached time_limit_s, or was ended before."""
+        why = ('not identified before a newer frame came'
+               if time.monotonic() > self.until_s[0] else
+               f'not identified within time_limit_s = {self.options.time_limit_s:g}')
         return self.unidentified(
-            centroids, 'time_limit', f'not identified within time_limit_s = '
-            f'{self.options.time_limit_s:g}, {tested} candidates tested', false_alarm)
+            centroids, 'time_limit', f'{why}, {tested} candidates tested', false_alarm)
 
     def no_candidate(self, centroids: Centroids, count: int, tested: int,
                      false_alarm: float) -> Identification:
@@ -220,7 +224,7 @@ class CandidateIdentifier(Identifier):
                 false_alarm = min(false_alarm, matches[0].false_alarm)
                 if false_alarm <= self.options.false_alarm_max:
                     return self._decide(centroids, field, matches)
-            if time.thread_time() > deadline_s:
+            if time.thread_time() > deadline_s or time.monotonic() > self.until_s[0]:
                 return self.time_limit(centroids, tested, false_alarm)
         return self.no_candidate(centroids, len(field), tested, false_alarm)
 

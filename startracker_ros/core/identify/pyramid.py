@@ -32,7 +32,7 @@ from startracker_ros.core.camera.lens import Lens, plane_points
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.compiled import compiled
+from startracker_ros.core.compiled import compiled, unlocked
 from startracker_ros.core.identify.association import count_matched, fit
 from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.clock import search_clock, SearchClock, time_is_up
@@ -183,7 +183,7 @@ class PyramidIdentifier(Identifier):
         outcome, used, tested, false_alarm, ratio, matched, found, fitted, work_ns = _identify(
             self._database, centroids.uv, -centroids.flux, centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
-            deadline_s, most_ns)
+            deadline_s, most_ns, self.until_s)
         return self._result(centroids, outcome, used, tested, false_alarm, ratio, matched, found,
                             fitted), work_ns
 
@@ -205,10 +205,11 @@ class PyramidIdentifier(Identifier):
         return self.no_candidate(centroids, used, tested, false_alarm)
 
 
-@compiled
+@unlocked
 def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_px: np.ndarray,
               max_stars: int, sigma_floor_px: float, false_alarm_max: float, deadline_s: float,
-              most_ns: float) -> tuple[int, int, int, float, float, int, tuple, tuple, float]:
+              most_ns: float, until_s: np.ndarray
+              ) -> tuple[int, int, int, float, float, int, tuple, tuple, float]:
     """
     Search, and return the best verification as the result of all centroids.
 
@@ -219,7 +220,7 @@ def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_
     verifier, lens = database.verifier, database.lens
     index, image, sigma = usable_stars(lens, uv, np.argsort(faintness), sigma_px, max_stars,
                                        sigma_floor_px)
-    clock = search_clock(deadline_s, most_ns)
+    clock = search_clock(deadline_s, most_ns, until_s)
     outcome, tested, best = _search(database.levels, verifier, image, sigma, false_alarm_max,
                                     clock)
     residual_px = best.residual * np.sqrt(lens.fx * lens.fy)

@@ -13,6 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.core.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
@@ -25,12 +26,18 @@ from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import identification_to_message
 from startracker_ros.ros.node import main_of
+from startracker_ros.ros.search_thread import SearchThread
+from std_msgs.msg import Header
 
 _IDLE = 'idle while the star tracker tracks'
 
 
 class StarIdentifierNode(CameraNode):
-    """Identifies stars lost-in-space; idle while a star tracker reports that it tracks."""
+    """
+    Identifies stars lost-in-space; idle while a star tracker reports that it tracks.
+
+    In a thread: tracking, diagnostics and signals never wait for a search.
+    """
 
     option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions,
                       BandOptions)
@@ -42,12 +49,21 @@ class StarIdentifierNode(CameraNode):
         self._tracking = False
         self._stage: IdentificationStage | None = None
         self._subscribed_imu = False
+        self._search = SearchThread(self)
         self._stars = self.advertise(PointCloud2, 'stars', qos.LIST)
         self.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST, last=True)
         self.subscribe(DiagnosticStatus, 'tracker_state', self._on_tracker_state, qos.STATE)
         self.advertise_reset()
 
+    @property
+    def is_busy(self) -> bool:
+        return super().is_busy or self._search.is_running
+
+    def close(self) -> None:
+        self._search.clear()
+
     def restart(self) -> None:
+        self._search.clear()
         options = self.options(IdentificationOptions)
         if options.method == 'extended_grid' and not self._subscribed_imu:
             # Only if it is used: a gyro publishes a hundred messages a second.
@@ -91,20 +107,33 @@ class StarIdentifierNode(CameraNode):
         if stage.is_idle(stamp_ns, tracking, windowed=bool(rows['directed'].any())):
             return
         centroids = centroids_from_rows(rows)
-        result, centroids = stage.identify(stamp_ns, centroids)
-        self._stars.publish(identification_to_message(
-            centroids, result, camera, message.header))
-        self._report(result, stage)
+        self._search.search(partial(self._identify, stage, camera, message.header, centroids),
+                            stage.identifier.until_s, self.interval_s)
+
+    def _identify(self, stage: IdentificationStage, camera: Camera, header: Header,
+                  centroids: Centroids) -> Callable[[], None]:
+        """Identify a list in the thread; return what publishes the result."""
+        result, centroids = stage.identify(ns_from_stamp(header.stamp), centroids)
+        # The next search changes those of the stage.
+        bodies, prediction = stage.body_spots, stage.prediction
+
+        def publish() -> None:
+            # Not the result of before a reset, a restart or another camera.
+            if stage is self._stage and self.active and self.camera is not None:
+                self._stars.publish(identification_to_message(centroids, result, camera, header))
+                self.diagnostics.counts['planets, Moon and Sun'] += bodies
+                if stage.uses_rates:
+                    self.diagnostics.values['prediction'] = prediction
+                self._report(result, stage)
+        return publish
 
     def _report(self, result: Identification, stage: IdentificationStage) -> None:
         self.diagnostics.counts[result.status] += 1
-        self.diagnostics.counts['planets, Moon and Sun'] += stage.body_spots
+        self.diagnostics.counts['centroids too late to be identified'] = self._search.dropped
         self.diagnostics.values.update({
             'matched': result.matched,
             'false_alarm_probability': f'{result.false_alarm_probability:.1e}',
             'focal_ratio': f'{result.focal_ratio:.5f}'})
-        if stage.uses_rates:
-            self.diagnostics.values['prediction'] = stage.prediction
         if result.status != 'identified':
             self.diagnostics.report(WARN, result.reason)
         elif stage.uses_rates and not stage.has_rates:

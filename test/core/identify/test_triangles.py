@@ -18,7 +18,7 @@ from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import random_attitude, rotate
 
 SIGMAS = 3.5
-NO_LIMIT = search_clock(np.inf, np.inf)
+NO_LIMIT = search_clock(np.inf, np.inf, np.full(1, np.inf))
 
 
 def make(direction, scale_error):
@@ -130,9 +130,9 @@ def test_a_search_ends_within_a_triangle_when_time_is_up():
     level, verifier = make(direction, 0.05)
     image, sigma = direction[:8], np.full(8, 3e-3)
     tested = []
-    for deadline_s in (0.0, np.inf):
+    for deadline_s, until_s in ((0.0, np.inf), (np.inf, 0.0), (np.inf, np.inf)):
         count = np.zeros(1, np.int64)
         catalogue_triangles(level, verifier, image, sigma, np.arange(3), count,
-                            search_clock(deadline_s, np.inf))
+                            search_clock(deadline_s, np.inf, np.full(1, until_s)))
         tested.append(count[0])
-    assert 10 * tested[0] < tested[1]
+    assert 10 * max(tested[:2]) < tested[2]
