@@ -10,7 +10,7 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from skies import CAMERA, frame, FRAME, onboard_stars, START_NS
+from skies import CAMERA, FRAME, frame, onboard_stars, START_NS
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (

@@ -231,7 +231,8 @@ def test_thousands_of_centroids_are_bounded_work(identifier, monkeypatch):
     rng = np.random.default_rng(9)
     centroids = frame(rng.uniform(0, 1023, (5000, 2)))
     limited = make_identifier(CAMERA, EPOCH_YEAR, replace(identifier.options, time_limit_s=20.0))
-    monkeypatch.setattr(identification, 'time', SimpleNamespace(thread_time=count().__next__))
+    monkeypatch.setattr(identification, 'time', SimpleNamespace(
+        thread_time=count().__next__, monotonic=lambda: 0.0))
     result = limited.identify(centroids)
     field = limited.field_stars(centroids)
     tested = [len(found.stars) for found in islice(limited.candidates(field), 21)]
