@@ -253,12 +253,14 @@ class CameraNode(PipelineNode):
         self.subscribe(Imu, 'imu', on_imu, qos.IMU, first=True)
 
     def in_order(self, topic: str, stamp: Time) -> bool:
-        """Return whether a stamp is newer than the last of its topic; counts it if not."""
+        """
+        Return whether a stamp is newer than the last of its topic; counts it if not.
+
+        MessageError for the stamp of a driver that does not stamp.
+        """
         stamp_ns = ns_from_stamp(stamp)
         if not stamp_ns:
-            self.diagnostics.counts[f'{topic} not stamped'] += 1
-            self.diagnostics.report(WARN, f'{topic}: {NOT_STAMPED}')
-            return False
+            raise MessageError(NOT_STAMPED)
         newest_ns = self._newest_ns.get(topic)
         if newest_ns is None:
             if self._restarted and stamp_ns - max(self._newest_ns.values()) > RESTART_NS:

@@ -13,6 +13,7 @@ import time
 import numpy as np
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.io.bags.layouts import ENCODINGS
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros.processes import node_environment
 from startracker_ros.tools.doctor.check import Check
@@ -25,7 +26,6 @@ _AXES_RATIO = 0.02
 _CENTRE_SHARE = 0.1
 _SATURATED_SHARE = 0.01
 _YEARS = (2000.0, 2100.0)
-_ENCODINGS = ('mono8', 'mono16', '8UC1', '16UC1')
 
 
 def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
@@ -105,9 +105,9 @@ def check_images(heard: Mapping, info: Mapping, camera: Camera | None) -> Iterat
         yield Check('image_raw', f'nothing heard of {heard["publishers"]} publishers', False,
                     'start the driver; topic names are relative to the namespace')
         return
-    good = heard['encoding'] in _ENCODINGS and not heard['error']
+    good = heard['encoding'] in ENCODINGS and not heard['error']
     yield Check('image_raw: encoding', heard['error'] or heard['encoding'], good,
-                '' if good else 'let the driver send mono8 or mono16, raw, without colour')
+                '' if good else 'let the driver send mono16 or mono8, or a Bayer mosaic as it is')
     if camera is not None:
         size = heard['width'], heard['height']
         agrees = size == (camera.width, camera.height)

@@ -230,7 +230,7 @@ class LiveRig(Rig):
             uv = centroids_from_message(spots[stamp_ns]).uv
             hip = np.zeros(len(uv), int)
         bodies = () if sky is None else Bodies(bodies_at(stamp_ns)).in_image(sky)
-        return annotated(image_from_message(by_stamp[stamp_ns]), uv, hip, sky,
+        return annotated(image_from_message(by_stamp[stamp_ns]).in_full(), uv, hip, sky,
                          catalogue_epoch(stamp_ns).year, bodies, share)
 
 

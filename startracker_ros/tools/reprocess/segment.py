@@ -132,6 +132,7 @@ class SegmentRun:
         if message.type_name == IMAGE:
             decoded = _decoded(message)
             content: Any = image_from_message(decoded)
+            content.check_size(self._camera)
             stamp_ns, self._frame_id = ns_from_stamp(decoded.header.stamp), decoded.header.frame_id
         else:
             cloud = cdr.read_point_cloud(message.data)
@@ -151,7 +152,7 @@ class SegmentRun:
         pipeline = self._pipeline_at(stamp_ns, message.log_time_ns)
         if message.type_name == IMAGE:
             extraction = pipeline.extraction.extract(
-                stamp_ns, content, pipeline.tracker.predicted)
+                stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell)
             content = extraction.centroids, pipeline.extraction.windowed
         frame = pipeline.process_centroids(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)

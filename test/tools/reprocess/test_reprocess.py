@@ -16,8 +16,9 @@ from commands import invoke
 import numpy as np
 from pictures import assert_legible
 import pytest
+from shifted_bags import GPS_NS, write_shifted
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.reader import decode, read_messages, read_topics
@@ -60,6 +61,30 @@ def test_attitudes_are_right_and_smoothed_better(finished_run):
     low, high = mean_chi_square_bounds(3, row['frames'] // 5)
     for name in 'nees', 'smoothed_nees':
         assert low / 2 < row[name] < high, (low / 2, row[name], high)
+
+
+@pytest.mark.parametrize('clock, shift_ns', [('boot', None), ('GPS time', GPS_NS)])
+def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
+        reprocess, tmp_path, clock, shift_ns):
+    """The time of recording tells stamps of GPS time."""
+    recorded = Path(__file__).parents[3] / 'bags' / 'slew'
+    truth = {header.stamp_ns: q for header, q in (
+        cdr.read_quaternion(message.data)
+        for message in read_messages(recorded, topics=('/truth/attitude',)))}
+    shift_ns = shift_ns or min(truth) - 10 ** 11
+    bag = write_shifted(recorded, tmp_path / 'bag', shift_ns)
+    result = reprocess([bag], tmp_path / 'run')
+    row, = result.records
+    assert row['with_attitude_percent'] > 60
+    named, = (row for row in errors(tmp_path / 'run') if clock in row['reason'])
+    assert named['count'] == row['frames']
+    metadata, = (tmp_path / 'run' / 'bags').rglob('metadata.yaml')
+    attitudes = load_recording(metadata.parent)
+    bounds = attitudes.protection_rad
+    assert len(bounds) == len(attitudes.attitude_ns) > 30
+    for stamp_ns, q, bound in zip(attitudes.attitude_ns, attitudes.quaternion, bounds):
+        error = np.abs(attitude_error(q, truth[stamp_ns + shift_ns]))
+        assert (error < bound).all() and bound[:2].max() < 100 * ARCSEC
 
 
 def test_bags_are_those_of_the_nodes(finished_run):
