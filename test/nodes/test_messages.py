@@ -106,7 +106,7 @@ def test_encodings_of_drivers(encodings, pixels, expected):
                                              width // found.cell * found.cell)
 
 
-def test_swapped_bytes_are_told_by_the_noise():
+def test_swapped_bytes_are_recognised_by_the_noise():
     """Of 10 bits to 16, in low bits or high; but not of 8 in the upper byte: no star moves."""
     for level, noise, shift in (
             (0, 0.7, 0), (0, 4.0, 6), (100, 0.7, 4), (300, 8.0, 6), (3000, 30.0, 4),

@@ -12,7 +12,7 @@ import pytest
 from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, Imu
-from shifted_bags import GPS_NS, write_shifted
+from shifted_bags import GPS_NS, mosaic, write_shifted
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.bags.reader import read_messages
@@ -35,14 +35,15 @@ def truth_by_stamp(shift_ns):
 
 @pytest.mark.parametrize('clock', ['boot', 'gps'])
 def test_attitudes_hold_and_the_clock_is_named(nodes, probe, tmp_path, clock):
-    """In a process each since boot; composed, of a camera that receives GPS."""
+    """In a process each since boot; composed, of a Bayer camera that receives GPS."""
     first_ns = min(truth_by_stamp(0))
     shift_ns = first_ns - (100 * 10 ** 9 if clock == 'boot' else time.time_ns() - GPS_NS)
     probe.collect(Imu, 'attitude_imu', 100)
     probe.collect(Vector3Stamped, 'protection_level', 100)
     player = nodes.start('bag_player', {
-        'path': str(write_shifted(BAG, tmp_path / 'bag', shift_ns)), 'wait_for_camera_users': 4,
-        'wait_limit_s': 300.0, 'start_delay_s': 2.0})
+        'path': str(write_shifted(BAG, tmp_path / 'bag', shift_ns,
+                                  mosaic if clock == 'gps' else None)),
+        'wait_for_camera_users': 4, 'wait_limit_s': 300.0, 'start_delay_s': 2.0})
     for name in STAGES if clock == 'boot' else ('composed_pipeline',):
         nodes.start(name, {'autostart': False} | deep_queues('image_raw.subscription'))
     nodes.start('pipeline_manager')

@@ -124,7 +124,8 @@ def _bodies_in_step(step: int, position_m: tuple[float, ...] | None) -> BodiesIn
     stamp_ns = step * STEP_NS + STEP_NS // 2
     if why_no_date(stamp_ns):
         return None
-    return bodies_from_earth(epoch_year_from_stamp(stamp_ns), None if position_m is None else np.array(position_m))
+    return bodies_from_earth(epoch_year_from_stamp(stamp_ns),
+                             None if position_m is None else np.array(position_m))
 
 
 def bright_bodies(year: float, position_m: np.ndarray | None = None

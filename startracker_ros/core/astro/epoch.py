@@ -29,7 +29,7 @@ _OTHER_ZEROS_S = {
     'TAI of seconds since 1958': -378_691_200 - 37,
     'seconds since 2000': 946_728_000}
 _ZERO_TOLERANCE_S = 3600.0
-"""How late a message may be for its clock to be told."""
+"""How late a message may be for its clock to be recognised."""
 _UTC_HINT = 'let it stamp in UTC since 1970, which gives the velocity of the Earth'
 
 
@@ -64,9 +64,9 @@ def catalogue_epoch(stamp_ns: int, received_ns: int | None = None) -> CatalogueE
     """
     Return the epoch of the stars for images of a stamp.
 
-    received_ns is the UNIX time at which its message came: clocks that count from another time
-    are told by it. Where the date is unknown it is the middle of 2000 to 2050, with the standard
-    deviation of a date that may be any of these.
+    received_ns is the UNIX time at which its message came, by which clocks that count from
+    another time are recognised. Where the date is unknown it is the middle of 2000 to 2050, with
+    the standard deviation of a date that may be any of these.
     """
     clock = '' if received_ns is None else _other_clock((received_ns - stamp_ns) * 1e-9)
     if why_no_date(stamp_ns, clock):

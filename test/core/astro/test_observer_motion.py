@@ -83,12 +83,13 @@ NOW_S = 1_790_000_000
 
 @pytest.mark.parametrize('stamp_s, words', [
     (0, 'stamp 0: the driver does not stamp'),
-    (100, 'stamps of 1970: the driver stamps since boot'), (9e7, 'since boot'), (NOW_S - 946_728_000 - 64, 'seconds since 2000'),
-    (NOW_S - 315_964_800 + 18, 'GPS time'), (NOW_S + 378_691_200 + 37, 'TAI of seconds since 1958'),
+    (100, 'stamps of 1970: the driver stamps since boot'), (9e7, 'since boot'),
+    (NOW_S - 946_728_000 - 64, 'seconds since 2000'), (NOW_S - 315_964_800 + 18, 'GPS time'),
+    (NOW_S + 378_691_200 + 37, 'TAI of seconds since 1958'),
     (946_684_799, 'stamps of 1999 are no UTC'), (-1e6, 'stamps of 1969 are no UTC'),
     (4.15e9, 'stamps of 2101 are no UTC')])
 def test_the_date_of_another_clock_is_unknown(stamp_s, words):
-    """Of GPS time and TAI it is told by the time at which the message comes."""
+    """Of GPS time and TAI it is recognised by the time at which the message comes."""
     stamp_ns = round(stamp_s * 1e9)
     epoch = catalogue_epoch(stamp_ns, NOW_S * 10 ** 9 + 5 * 10 ** 7)
     assert words in why_no_date(stamp_ns, epoch.other_clock)
@@ -119,8 +120,9 @@ def test_a_stamp_of_any_date_is_one_whenever_it_comes():
 
 
 def test_stamps_of_another_year_than_that_of_the_stars_are_named():
-    observer = ObserverMotion(epoch=CatalogueEpoch(2026.7)).at((NOW_S - 315_964_782) * 10 ** 9)
-    assert observer.condition.startswith('none (stamps of 2016, but the stars are of epoch J2026.7')
+    motion = ObserverMotion(epoch=CatalogueEpoch(2026.7))
+    observer = motion.at((NOW_S - 315_964_782) * 10 ** 9)
+    assert observer.reason.startswith('stamps of 2016, but the stars are of epoch J2026.7')
     assert observer.velocity_sigma_m_s == EARTH_SIGMA_M_S and observer.trouble
 
 

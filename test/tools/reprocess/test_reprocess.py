@@ -16,7 +16,7 @@ from commands import invoke
 import numpy as np
 from pictures import assert_legible
 import pytest
-from shifted_bags import GPS_NS, write_shifted
+from shifted_bags import GPS_NS, mosaic, write_shifted
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags import cdr
@@ -66,7 +66,7 @@ def test_attitudes_are_right_and_smoothed_better(finished_run):
 @pytest.mark.parametrize('clock, shift_ns', [('boot', None), ('GPS time', GPS_NS)])
 def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
         reprocess, tmp_path, clock, shift_ns):
-    """The time of recording tells stamps of GPS time."""
+    """Those of GPS time are recognised by the time of recording."""
     recorded = Path(__file__).parents[3] / 'bags' / 'slew'
     truth = {header.stamp_ns: q for header, q in (
         cdr.read_quaternion(message.data)
@@ -85,6 +85,26 @@ def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
     for stamp_ns, q, bound in zip(attitudes.attitude_ns, attitudes.quaternion, bounds):
         error = np.abs(attitude_error(q, truth[stamp_ns + shift_ns]))
         assert (error < bound).all() and bound[:2].max() < 100 * ARCSEC
+
+
+def test_a_bayer_mosaic_has_the_attitudes_of_its_cells(reprocess, tmp_path):
+    """camera_info is that of the sensor, with four equal pixels for each one of the recording."""
+    recorded, found = Path(__file__).parents[3] / 'bags' / 'slew', {}
+    for name, change in (('plain', None), ('mosaic', mosaic)):
+        bag = write_shifted(recorded, tmp_path / name, 0, change)
+        result = reprocess([bag], tmp_path / f'run_{name}')
+        assert not errors(tmp_path / f'run_{name}') and result.records[0]['frames'] == 90
+        metadata, = (tmp_path / f'run_{name}' / 'bags').rglob('metadata.yaml')
+        found[name] = load_recording(metadata.parent)
+    plain, cells = found['plain'], found['mosaic']
+    common, one, other = np.intersect1d(
+        plain.attitude_ns, cells.attitude_ns, return_indices=True)
+    assert len(common) > 0.95 * len(plain.attitude_ns) > 30
+    apart = attitude_error(cells.quaternion[other], plain.quaternion[one])
+    assert np.median(np.abs(apart[:, :2])) < 0.1 * ARCSEC, np.median(np.abs(apart), axis=0)
+    sigma = np.sqrt(np.diagonal(plain.covariance_icrf[one], axis1=1, axis2=2))
+    ratio = np.sqrt(np.diagonal(cells.covariance_icrf[other], axis1=1, axis2=2)) / sigma
+    assert 0.9 < np.median(ratio) < 1.1
 
 
 def test_bags_are_those_of_the_nodes(finished_run):
