@@ -102,7 +102,8 @@ def test_a_bayer_mosaic_has_the_attitudes_of_its_cells(reprocess, tmp_path):
         plain.attitude_ns, cells.attitude_ns, return_indices=True)
     assert len(common) > 0.95 * len(plain.attitude_ns) > 30
     apart = attitude_error(cells.quaternion[other], plain.quaternion[one])
-    assert np.median(np.abs(apart[:, :2])) < 0.1 * ARCSEC, np.median(np.abs(apart), axis=0)
+    # A pixel of the recording is 169 arcsec wide; limits in pixels are those of the sensor.
+    assert np.median(np.abs(apart[:, :2])) < 0.5 * ARCSEC, np.median(np.abs(apart), axis=0)
     sigma = np.sqrt(np.diagonal(plain.covariance_icrf[one], axis1=1, axis2=2))
     ratio = np.sqrt(np.diagonal(cells.covariance_icrf[other], axis1=1, axis2=2)) / sigma
     assert 0.9 < np.median(ratio) < 1.1
