@@ -146,6 +146,7 @@ _ENCODINGS: dict[str, tuple[np.dtype, int, Callable[[np.ndarray], StarImage]]] =
     'yuv422_yuy2': (_8_BIT, 2, _first), 'yuyv': (_8_BIT, 2, _first)}
 """Type and channels of a pixel, and what it is as a grey one; sensor_msgs/image_encodings.hpp."""
 
+
 def camera_from_message(message: Any) -> Camera:
     """Return the camera of a CameraInfo; CameraError names what is wrong."""
     model, distortion = message.distortion_model or PLUMB_BOB, tuple(message.d)
