@@ -121,9 +121,6 @@ class CameraNode(PipelineNode):
     builder() and use() instead of rebuild().
     """
 
-    # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
-    EPOCH_TOLERANCE = 0.05
-
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.camera: Camera | None = None
@@ -321,8 +318,7 @@ class CameraNode(PipelineNode):
                 f'{np.degrees(camera.seen_x_rad):.2f} deg wide')
             # Frames of the camera before.
             self._end_set_up()
-        if (camera != newest.camera or epoch.sigma_years != self.epoch.sigma_years
-                or abs(epoch.year - self.epoch.year) > self.EPOCH_TOLERANCE):
+        if camera != newest.camera or not epoch.is_near(self.epoch):
             self.get_logger().info(
                 f'camera {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.seen_x_rad):.2f} deg wide, {epoch}')

@@ -22,6 +22,8 @@ FIRST_DATE_YEAR = 2000.0
 _J2000_NS = 946_728_000 * 10 ** 9
 _YEAR_NS = round(YEAR_S) * 10 ** 9
 _LONGEST_UPTIME_YEARS = 10.0
+_NEAR_YEARS = 0.05
+"""No star of the catalogue moves by more than 0.2 arcsec in this time."""
 # Where the seconds of other clocks are zero, in UNIX time. TAI and GPS time have no leap seconds:
 # 37 and 18 since 2017 (IERS Bulletin C 52 and later).
 _OTHER_ZEROS_S = {
@@ -53,6 +55,10 @@ class CatalogueEpoch(NamedTuple):
     year: float
     sigma_years: float = 0.0
     other_clock: str = ''
+
+    def is_near(self, other: 'CatalogueEpoch') -> bool:
+        """Return whether the stars of another epoch are where they are at this one."""
+        return self[1:] == other[1:] and abs(self.year - other.year) <= _NEAR_YEARS
 
     def __str__(self) -> str:
         if not self.sigma_years:

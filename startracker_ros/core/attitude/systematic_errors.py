@@ -33,20 +33,18 @@ def with_observer_error(attitude: AttitudeEstimate, observer: Observer, sensor: 
             attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
                 observer.velocity_sigma_m_s, np.ascontiguousarray(sensor),
                 np.ascontiguousarray(sigma)))
-    if motion is None:
-        return attitude
     return with_epoch_error(attitude, observer.epoch_sigma_years, sensor, sigma, motion)
 
 
 def with_epoch_error(attitude: AttitudeEstimate, sigma_years: float, sensor: np.ndarray,
-                     sigma: np.ndarray, motion: np.ndarray) -> AttitudeEstimate:
+                     sigma: np.ndarray, motion: np.ndarray | None) -> AttitudeEstimate:
     """
     Return an attitude whose covariance contains an error of the epoch of the stars.
 
     sensor (N, 3) and sigma (N,) are those of velocity_covariance(). Proper motions m (N, 3), rad a
-    year on ICRS axes, turn the best fit by F^-1 sum w (p x m) in a year.
+    year on ICRS axes, turn the best fit by F^-1 sum w (p x m) in a year; None where unknown.
     """
-    if not sigma_years or len(sensor) < 2:
+    if motion is None or not sigma_years or len(sensor) < 2:
         return attitude
     weight = 1 / sigma ** 2
     on_sensor = motion @ matrix_from_quaternion(attitude.quaternion)

@@ -482,13 +482,13 @@ class TrackFilter:
     def _with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         sky, bank = self._tracked_sky, self._model.bank
         estimate = self._model.with_systematic_errors(estimate, sky.observer.velocity_sigma_m_s)
-        motion = sky.motion(bank.star_index[bank.detected])
-        if motion is None or not sky.observer.epoch_sigma_years:
+        if not sky.observer.epoch_sigma_years:
             return estimate
+        seen = bank.detected
         return with_epoch_error(
-            estimate, sky.observer.epoch_sigma_years,
-            self._camera.unproject(bank.uv[bank.detected]),
-            self._camera.pixel_rad * np.sqrt(bank.variance[bank.detected]), motion)
+            estimate, sky.observer.epoch_sigma_years, self._camera.unproject(bank.uv[seen]),
+            self._camera.pixel_rad * np.sqrt(bank.variance[seen]),
+            sky.motion(bank.star_index[seen]))
 
     def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
         return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s

@@ -66,7 +66,7 @@ class StarImage(NamedTuple):
     """
     The grey pixels (H, W) uint8 or uint16 of an image.
 
-    Each is that of cell x cell pixels of the camera, whose image it has the size of otherwise.
+    Each is the sum or the mean of cell x cell pixels of the camera.
     """
 
     pixels: np.ndarray
