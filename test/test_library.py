@@ -15,6 +15,7 @@ import pytest
 from skies import SMALL_CAMERA as CAMERA
 import startracker_ros as st
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.figures.correctness import error_over_bound
 
@@ -66,6 +67,11 @@ def test_solve_equals_the_command_in_any_order(sky_data):
     assert solution.quaternion.tolist() == row['quaternion']
     assert solution.covariance_sensor.ravel().tolist() == row['covariance_sensor']
     assert solution.false_alarm == row['false_alarm_probability']
+    # Without a time the velocity of the Earth is in the covariance.
+    undated = st.solve(read_image(first), 11.4)
+    sigma = np.sqrt(np.diag(undated.covariance_sensor))
+    assert (sigma[:2] > 12 * ARCSEC).all()
+    assert (np.abs(attitude_error(undated.quaternion, solution.quaternion)) < 3 * sigma).all()
 
 
 def test_star_tracker_equals_the_truth(frames):

@@ -104,7 +104,9 @@ class FrameResult:
 
     centroids are those found or given; identification is None where the frame needed none; tracks
     are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude
-    is None where that cannot be trusted: reason says why, and is empty otherwise.
+    is None where that cannot be trusted: reason says why, and is empty otherwise. aberration is
+    what the attitude is corrected for (full, earth_only, none), with why that is less than asked
+    for, such as stamps that are no UTC; empty for a frame that was not used.
     """
 
     stamp_ns: int
@@ -115,3 +117,4 @@ class FrameResult:
     attitude: Attitude | None
     state: TrackerState
     reason: str
+    aberration: str = ''

@@ -12,7 +12,7 @@ the same stages side by side, so theirs may use an identification some frames la
 from typing import Any, Self
 
 import numpy as np
-from startracker_ros.core.astro.epoch import RESTART_NS
+from startracker_ros.core.astro.epoch import CatalogueEpoch, NOT_STAMPED, RESTART_NS
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
@@ -52,22 +52,24 @@ class StarTracker:
         star_identifier={'method': 'quad'} is that of one node. ValueError names what is wrong,
         and which names there are.
         """
-        self._build(camera, epoch_year, options_of_keywords(options))
+        self._build(camera, CatalogueEpoch(epoch_year), options_of_keywords(options))
 
     @classmethod
-    def with_options(cls, camera: Camera, epoch_year: float, options: StarTrackerOptions) -> Self:
+    def with_options(cls, camera: Camera, epoch: float | CatalogueEpoch,
+                     options: StarTrackerOptions) -> Self:
         """Return the star tracker with the options of its stages."""
         made = cls.__new__(cls)
-        made._build(camera, epoch_year, options)
+        made._build(camera, epoch if isinstance(epoch, CatalogueEpoch) else CatalogueEpoch(epoch),
+                    options)
         return made
 
-    def _build(self, camera: Camera, epoch_year: float, options: StarTrackerOptions) -> None:
-        self._camera = camera
+    def _build(self, camera: Camera, epoch: CatalogueEpoch, options: StarTrackerOptions) -> None:
+        self._camera, epoch_year = camera, epoch.year
         self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch_year, options.identification, options.check, gyro=options.gyro,
             band=options.band)
-        self.motion = ObserverMotion(options.aberration)
+        self.motion = ObserverMotion(options.aberration, epoch)
         self.tracker = make_track_filter(
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(
@@ -157,7 +159,8 @@ class StarTracker:
         if newest_ns is not None and newest_ns - stamp_ns > RESTART_NS:
             self.reset()
         elif newest_ns is not None and stamp_ns <= newest_ns:
-            return f'stamp_ns = {stamp_ns} is not newer than that of the frame before, {newest_ns}'
+            return (f'stamp_ns = {stamp_ns} is not newer than that of the frame before, '
+                    f'{newest_ns}' if stamp_ns else NOT_STAMPED)
         self._newest_ns = stamp_ns
         return ''
 
@@ -190,7 +193,8 @@ class StarTracker:
             if found is not None and found.attitude is None:
                 reasons.append(found.reason)
         return FrameResult(stamp_ns, centroids, found, tracks, tracked, attitude,
-                           self.tracker.state, '; '.join(dict.fromkeys(filter(None, reasons))))
+                           self.tracker.state, '; '.join(dict.fromkeys(filter(None, reasons))),
+                           self.motion.at(stamp_ns).condition)
 
 
 def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:

@@ -13,8 +13,8 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.frames import gcrs_from_itrf, gcrs_from_j2000
+from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.orbit import orbit_frame
-from startracker_ros.core.astro.state import State
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.attitude.validation import TrustedAttitude
 from startracker_ros.core.maths.rotation import (
@@ -93,8 +93,7 @@ class AttitudeOutput:
             attitude_to_imu(attitude, sensor_header) if tracked is None else
             tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header)))
         self._body.publish(stamp_ns, attitude.quaternion)
-        self._frames.publish(
-            stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
+        self._frames.publish(stamp_ns, attitude.quaternion, self._observer.motion)
         self._diagnostics.counts['attitudes'] += 1
         self._diagnostics.describe = partial(_describe, attitude, result)
         self._diagnostics.report(OK, 'publishing attitude')
@@ -124,17 +123,21 @@ class FramesOutput:
             frame: self._node.advertise(QuaternionStamped, f'attitude_{frame}', qos.LIST)
             for frame in ('j2000', 'itrf', 'orbit')}
 
-    def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray, state: State | None) -> None:
-        """Publish an attitude (4,); state is the odometry of its stamp, None without."""
+    def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray, motion: ObserverMotion
+                ) -> None:
+        """Publish an attitude (4,), in a frame that turns with the Earth where it has a date."""
         options = self._node.options(ExtraFrameOptions)
         if not options.publish_frames:
             return
         if not self._publishers:
             # The parameter is live.
             self._advertise()
-        frames = {'j2000': gcrs_from_j2000(),
-                  'itrf': gcrs_from_itrf(epoch_year_from_stamp(stamp_ns), options.ut1_utc_s)}
-        if state is not None:
+        frames = {'j2000': gcrs_from_j2000()}
+        if no_date := motion.why_no_date(stamp_ns):
+            self._node.diagnostics.report_event(f'no attitude_itrf: {no_date}')
+        else:
+            frames['itrf'] = gcrs_from_itrf(epoch_year_from_stamp(stamp_ns), options.ut1_utc_s)
+        if (state := motion.geocentric(stamp_ns)) is not None:
             frames['orbit'] = orbit_frame(state.position_m, state.velocity_m_s)
         for frame, icrf_from_frame in frames.items():
             q = multiply(conjugate(quaternion_from_matrix(icrf_from_frame)), q_icrf_from_sensor)

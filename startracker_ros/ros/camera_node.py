@@ -12,7 +12,8 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS
+from startracker_ros.core.astro.epoch import (
+    catalogue_epoch, CatalogueEpoch, NOT_STAMPED, RESTART_NS)
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
 from startracker_ros.io.bags.telemetry import rate_from_imu
@@ -43,9 +44,8 @@ def is_building() -> bool:
 class CameraSetup:
     """Calls build() in a thread; it must not use anything that the node changes meanwhile."""
 
-    def __init__(self, camera: Camera, epoch_year: float, build: Callable[[], Any]) -> None:
+    def __init__(self, camera: Camera, build: Callable[[], Any]) -> None:
         self.camera = camera
-        self.epoch_year = epoch_year
         self._build = build
         self._built: Any = None
         self._error: BaseException | None = None
@@ -121,13 +121,10 @@ class CameraNode(PipelineNode):
     builder() and use() instead of rebuild().
     """
 
-    # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
-    EPOCH_TOLERANCE = 0.05
-
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.camera: Camera | None = None
-        self.epoch_year = 0.0
+        self.epoch = CatalogueEpoch(0.0)
         self.sensor_frame_id = ''
         self.frame_topic = ''
         self._setup: CameraSetup | None = None
@@ -180,11 +177,11 @@ class CameraNode(PipelineNode):
     def rebuild(self) -> None:
         if self._setup is not None:
             # It may have the options of before.
-            self._set_up(self._setup.camera, self._setup.epoch_year)
+            self._set_up(self._setup.camera, self.epoch)
             return
         self.restart()
         if self.camera is not None:
-            build = self.builder(self.camera, self.epoch_year)
+            build = self.builder(self.camera, self.epoch.year)
             self.use(None if build is None else build())
 
     def get_ready(self) -> None:
@@ -253,8 +250,14 @@ class CameraNode(PipelineNode):
         self.subscribe(Imu, 'imu', on_imu, qos.IMU, first=True)
 
     def in_order(self, topic: str, stamp: Time) -> bool:
-        """Return whether a stamp is newer than the last of its topic; counts it if not."""
+        """
+        Return whether a stamp is newer than the last of its topic; counts it if not.
+
+        MessageError for the stamp of a driver that does not stamp.
+        """
         stamp_ns = ns_from_stamp(stamp)
+        if not stamp_ns:
+            raise MessageError(NOT_STAMPED)
         newest_ns = self._newest_ns.get(topic)
         if newest_ns is None:
             if self._restarted and stamp_ns - max(self._newest_ns.values()) > RESTART_NS:
@@ -311,7 +314,8 @@ class CameraNode(PipelineNode):
             raise
         if not self.is_loaded:
             self.diagnostics.counts[EARLY] += 1
-        epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
+        epoch = catalogue_epoch(ns_from_stamp(message.header.stamp),
+                                self.get_clock().now().nanoseconds)
         newest = self if self._setup is None else self._setup
         if newest.camera is not None and camera != newest.camera:
             self.diagnostics.report_event(
@@ -319,23 +323,24 @@ class CameraNode(PipelineNode):
                 f'{np.degrees(camera.seen_x_rad):.2f} deg wide')
             # Frames of the camera before.
             self._end_set_up()
-        if camera != newest.camera or abs(epoch_year - newest.epoch_year) > self.EPOCH_TOLERANCE:
+        if camera != newest.camera or not epoch.is_near(self.epoch):
             self.get_logger().info(
                 f'camera {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.seen_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
-            self._set_up(camera, epoch_year)
+                f'{np.degrees(camera.seen_x_rad):.2f} deg wide, {epoch}')
+            self._set_up(camera, epoch)
 
-    def _set_up(self, camera: Camera, epoch_year: float) -> None:
+    def _set_up(self, camera: Camera, epoch: CatalogueEpoch) -> None:
         """Build what depends on the camera; until then messages wait."""
+        self.epoch = epoch
         self.restart()
-        build = self.builder(camera, epoch_year)
+        build = self.builder(camera, epoch.year)
         if build is None:
-            self.camera, self.epoch_year = camera, epoch_year
+            self.camera = camera
             self._process_waiting()
             return
         if self._setup is None:
             self._setup_timer = self.create_steady_timer(0.01, self._check_set_up)
-        self._setup = CameraSetup(camera, epoch_year, build)
+        self._setup = CameraSetup(camera, build)
 
     def _check_set_up(self) -> None:
         if (setup := self._setup) is not None and setup.is_done:
@@ -348,7 +353,7 @@ class CameraNode(PipelineNode):
         # With a CameraError there is none: what was built for the old one does not fit.
         self.camera = None
         built = setup.built()
-        self.camera, self.epoch_year = setup.camera, setup.epoch_year
+        self.camera = setup.camera
         self.use(built)
         # Live options that have changed meanwhile.
         self.set_live_options()

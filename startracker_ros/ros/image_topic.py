@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 from startracker_ros.core.options import option, Options
-from startracker_ros.io.bags.layouts import image_from_message
+from startracker_ros.io.bags.layouts import image_from_message, StarImage
 from startracker_ros.ros import qos
 from startracker_ros.ros.memory import profile_variable
 from startracker_ros.ros.messages.compressed_image import (
@@ -59,12 +59,12 @@ class ImageOutput:
         self._publisher.publish(self._message(image, header))
 
 
-def subscribe_images(node: PipelineNode, on_image: Callable[[np.ndarray, Header], None]) -> None:
-    """Call on_image() with each image (H, W) and its header; messages that hold none are named."""
+def subscribe_images(node: PipelineNode, on_image: Callable[[StarImage, Header], None]) -> None:
+    """Call on_image() with each image and its header; messages that hold none are named."""
     options = node.options(TransportOptions)
     if options.is_compressed:
         node.subscribe(CompressedImage, options.topic, lambda message: on_image(
-            image_from_compressed(message), message.header), qos.IMAGE)
+            StarImage(image_from_compressed(message)), message.header), qos.IMAGE)
     else:
         node.subscribe(Image, options.topic, lambda message: on_image(
             image_from_message(message), message.header), qos.IMAGE)

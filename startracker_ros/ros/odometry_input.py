@@ -9,8 +9,8 @@ from startracker_ros.core.astro.observer_motion import (
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
-from startracker_ros.ros.node import PipelineNode
 
 
 class OdometryInput:
@@ -20,7 +20,7 @@ class OdometryInput:
     frames is the options class of the node that names the frame of odometry.
     """
 
-    def __init__(self, node: PipelineNode, frames: type[InertialFrameOptions]) -> None:
+    def __init__(self, node: CameraNode, frames: type[InertialFrameOptions]) -> None:
         self._node = node
         self._frames = frames
         self._logged = ''
@@ -28,8 +28,8 @@ class OdometryInput:
         node.subscribe(Odometry, 'odometry', self._on_odometry, qos.LIST)
 
     def rebuild(self) -> None:
-        """Begin without odometry, with the options of now."""
-        self.motion = ObserverMotion(self._node.options(AberrationOptions))
+        """Begin without odometry, with the options and the epoch of now."""
+        self.motion = ObserverMotion(self._node.options(AberrationOptions), self._node.epoch)
 
     def report(self, stamp_ns: int) -> None:
         """Report which velocities the frame of a stamp was corrected for."""

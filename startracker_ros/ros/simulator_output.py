@@ -8,7 +8,7 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2, Temperature
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.epoch import catalogue_epoch
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
@@ -134,6 +134,6 @@ def make_simulator(node: PipelineNode, camera: Camera, start_ns: int,
     seed = seed_in_namespace(node.options(SceneOptions).seed, node.get_namespace())
     motion = (motion_from_options(node.options(MotionOptions), seed=seed, head=head)
               if body is None else mounted(body, head))
-    return SkySimulator(camera, motion, epoch_year=epoch_year_from_stamp(start_ns),
+    return SkySimulator(camera, motion, epoch_year=catalogue_epoch(start_ns).year,
                         frame_rate_hz=node.options(SourceOptions).frame_rate_hz, seed=seed,
                         **simulator_parts(node.options, camera))

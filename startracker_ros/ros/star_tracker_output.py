@@ -102,7 +102,7 @@ class TrackerStateOutput:
             return {}
         known_ns, quaternion, rate_rad_s = self._known
         age_s = (stamp_ns - known_ns) * 1e-9
-        if abs(age_s) > HORIZON_S:
+        if abs(age_s) > HORIZON_S or self._observer.motion.why_no_date(stamp_ns):
             return {}
         blinding = BlindingForecast(self._node.options(ExclusionOptions)).at(
             stamp_ns, turned(quaternion, rate_rad_s * age_s), rate_rad_s,

@@ -9,7 +9,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.core.catalog.stars import load_catalog
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import camera_to_message, image_to_message
@@ -90,8 +90,10 @@ def probe(extractor):
 
 
 @pytest.mark.parametrize('changes, words', [
-    ({'encoding': 'rgb8'}, "image encoding 'rgb8' is not mono8 or mono16"),
-    ({'encoding': '32FC1'}, "image encoding '32FC1'"),
+    ({'encoding': 'rgb8'}, 'is too short for 512 x 512 rgb8'),
+    ({'encoding': '32FC1'}, "image encoding '32FC1' is none of mono8, mono16"),
+    ({'is_bigendian': 1}, 'the bytes of each value are swapped, as the noise of neighbouring '
+     'values says: let the driver set is_bigendian to 0'),
     ({'width': 0, 'height': 0}, 'image size 0 x 0 is empty'),
     ({'height': 4000}, 'is too short for 512 x 4000'),
     ({'width': 500}, 'does not fit camera_info'),
@@ -100,6 +102,45 @@ def test_image_that_is_none(extractor, probe, sky, changes, words):
     extractor.send_until_reported(sky, words, **changes)
     assert not probe.received['centroids']
     extractor.still_works(sky)
+
+
+def as_message(image, encoding):
+    """Return the message of an image (H, W) uint16 of 12 bits as a driver sends it."""
+    grey = (image >> 4).astype(np.uint8)
+    pixels = {'rgb8': lambda: np.stack([grey] * 3, -1), 'bgra8': lambda: np.stack([grey] * 4, -1),
+              'yuv422': lambda: np.stack([np.full_like(grey, 128), grey], -1),
+              'bayer_gbrg8': lambda: grey, 'bayer_rggb16': lambda: image.byteswap(),
+              'mono16': lambda: image.byteswap()}[encoding]()
+    rows = pixels.reshape(len(pixels), -1).view(np.uint8)
+    # Rows that end with bytes which are no pixels.
+    data = np.pad(rows, ((0, 0), (0, 12)), constant_values=77)
+    return Image(height=len(image), width=image.shape[1], encoding=encoding,
+                 is_bigendian=encoding.endswith('16'), step=data.shape[1], data=data.tobytes())
+
+
+def test_encodings_of_other_drivers_have_their_stars_where_they_are(extractor, probe, sky):
+    """A Bayer mosaic has half as many pixels; its stars are in those of camera_info."""
+    rng, places = np.random.default_rng(3), {}
+    for encoding in ('mono16', 'rgb8', 'bgra8', 'yuv422', 'bayer_gbrg8', 'bayer_rggb16'):
+        sent_ns = set()
+
+        def send(encoding=encoding, sent_ns=sent_ns):
+            extractor.index += 1
+            message = as_message(sky + rng.integers(0, 3, sky.shape, sky.dtype), encoding)
+            message.header = header(extractor.index)
+            extractor.image.publish(message)
+            sent_ns.add(ns_from_stamp(message.header.stamp))
+        cloud = probe.send_until(send, lambda sent_ns=sent_ns: next(
+            (c for c in probe.received['centroids']
+             if ns_from_stamp(c.header.stamp) in sent_ns), None), encoding)
+        rows = read_cloud(cloud, CENTROID_DTYPE)
+        places[encoding] = np.stack([rows['u'], rows['v']], -1), rows['sigma_px']
+    reference = places.pop('mono16')[0]
+    for encoding, (uv, sigma_px) in places.items():
+        away = np.linalg.norm(uv[:, None] - reference, axis=-1).min(axis=1)
+        same = away < 1.5
+        assert np.count_nonzero(same) > 5 and np.mean(same) > 0.6, (encoding, away)
+        assert np.median(away[same]) < 0.25 and np.median(sigma_px) < 0.5, (encoding, away)
 
 
 @pytest.mark.parametrize('field, value, words', [

@@ -4,6 +4,7 @@
 """Every message layout survives the way there and back."""
 
 from dataclasses import fields, replace
+import itertools
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -43,7 +44,7 @@ HEADER = make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')
 @given(arrays(st.sampled_from(['u1', 'u2']), st.tuples(st.integers(1, 9), st.integers(1, 9))))
 def test_images(image):
     message = image_to_message(image, HEADER)
-    np.testing.assert_array_equal(image_from_message(message), image)
+    np.testing.assert_array_equal(image_from_message(message).pixels, image)
 
 
 def test_padded_rows_and_big_endian_images_are_read_right():
@@ -53,7 +54,79 @@ def test_padded_rows_and_big_endian_images_are_read_right():
     padded[:, :4] = image
     message.step, message.is_bigendian = 20, 1
     message.data = padded.tobytes()
-    np.testing.assert_array_equal(image_from_message(message), image)
+    np.testing.assert_array_equal(image_from_message(message).pixels, image)
+
+
+RNG = np.random.default_rng(5)
+COLOURS = RNG.integers(0, 255, (30, 41, 4)).astype(np.uint8)
+COLOURS[3, 5], COLOURS[4, 6, 1] = (255, 255, 255, 0), 255
+"""The fourth one is no colour; two pixels are saturated, one of them in one colour."""
+MOSAIC = RNG.integers(0, 255, (31, 42)).astype(np.uint8)
+MOSAIC_16 = RNG.integers(900, 1100, (64, 80)).astype(np.uint16)
+
+
+def joined(parts):
+    """Return the levels of colours (H, W, C) uint8: the sum, or the largest of 10 bits."""
+    return np.where((parts == 255).any(axis=-1), 1023, parts.astype(int).sum(axis=-1))
+
+
+def cells(mosaic):
+    """Return the pixels (H // 2, W // 2, 4) of each cell."""
+    height, width = mosaic.shape[0] // 2, mosaic.shape[1] // 2
+    whole = mosaic[:2 * height, :2 * width].reshape(height, 2, width, 2)
+    return whole.swapaxes(1, 2).reshape(height, width, 4)
+
+
+@pytest.mark.parametrize('encodings, pixels, expected', [
+    ('mono8 8UC1', MOSAIC, MOSAIC), ('mono16 16UC1', MOSAIC_16, MOSAIC_16),
+    ('rgb8 bgr8', COLOURS[..., :3], joined(COLOURS[..., :3])),
+    ('rgba8 bgra8', COLOURS, joined(COLOURS[..., :3])),
+    ('bayer_rggb8 bayer_bggr8 bayer_gbrg8 bayer_grbg8', MOSAIC, joined(cells(MOSAIC))),
+    ('bayer_rggb16 bayer_bggr16 bayer_gbrg16 bayer_grbg16', MOSAIC_16,
+     np.floor(cells(MOSAIC_16).mean(axis=-1) + 0.5)),
+    ('yuv422 uyvy', COLOURS[..., :2], COLOURS[..., 1]),
+    ('yuv422_yuy2 yuyv', COLOURS[..., :2], COLOURS[..., 0])])
+def test_encodings_of_drivers(encodings, pixels, expected):
+    """Whole, with rows padded by bytes that are no pixels, and in both orders of bytes."""
+    height, width = pixels.shape[:2]
+    for encoding in encodings.split():
+        for order, padding in itertools.product('<>', (0, 6, 7)):
+            rows = pixels.astype(pixels.dtype.newbyteorder(order)).reshape(height, -1)
+            data = np.pad(rows.view(np.uint8), ((0, 0), (0, padding)), constant_values=201)
+            message = Image(height=height, width=width, encoding=encoding,
+                            is_bigendian=order == '>', step=data.shape[1], data=data.tobytes())
+            found = image_from_message(message)
+            np.testing.assert_array_equal(found.pixels, expected)
+            assert found.pixels.dtype == (np.uint16 if expected.max() > 255 else np.uint8)
+            assert found.cell == 1 + encoding.startswith('bayer')
+            found.check_size(Camera.from_fov(width, height, 12.0))
+            with pytest.raises(MessageError, match='does not fit camera_info of 50 x 31 px'):
+                found.check_size(Camera.from_fov(50, 31, 12.0))
+            assert found.in_full().shape == (height // found.cell * found.cell,
+                                             width // found.cell * found.cell)
+
+
+def test_swapped_bytes_are_recognised_by_the_noise():
+    """Of 10 bits to 16, in low bits or high; but not of 8 in the upper byte: no star moves."""
+    for level, noise, shift in (
+            (0, 0.7, 0), (0, 4.0, 6), (100, 0.7, 4), (300, 8.0, 6), (3000, 30.0, 4),
+            (2000, 4.0, 0), (20_000, 300.0, 0)):
+        image = RNG.normal(level, noise, (300, 200))
+        image[::15, ::20] += 4000.0
+        image = (image.clip(0, 65535 >> shift).astype(np.uint16) << shift).astype(np.uint16)
+        for encoding, swapped in itertools.product(('mono16', 'bayer_rggb16'), (False, True)):
+            message = image_to_message(image, HEADER)
+            message.encoding, message.is_bigendian = encoding, swapped
+            if not swapped:
+                assert image_from_message(message).pixels.size
+                continue
+            with pytest.raises(MessageError, match='bytes of each value are swapped.*'
+                               'set is_bigendian to 0'):
+                image_from_message(message)
+    for upper in (MOSAIC, MOSAIC_16 // 5):
+        image = (np.tile(upper, (4, 4)).astype(np.uint16) << 8).astype(np.uint16)
+        np.testing.assert_array_equal(
+            image_from_message(image_to_message(image, HEADER)).pixels, image)
 
 
 @given(st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=9),

@@ -95,7 +95,8 @@ def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):
     nodes.start('image_publisher', {'path': str(folder), 'loop': True, 'frame_rate_hz': 20.0})
 
     def levels():
-        return [int(image_from_message(message)[0, 0]) for message in probe.received['image_raw']]
+        return [int(image_from_message(message).pixels[0, 0])
+                for message in probe.received['image_raw']]
     probe.wait(lambda: {10, 20} <= set(levels()), 'both images')
     before = len(levels())
     probe.wait(lambda: len(levels()) >= before + 6, 'more images')

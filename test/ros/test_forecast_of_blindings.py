@@ -10,6 +10,7 @@ import pytest
 from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.exclusion import ExclusionOptions, HORIZON_S
+from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import quaternion_from_axes
 from startracker_ros.core.track.tracks import Hint
@@ -28,19 +29,18 @@ def attitude(time_s):
     return turned(q, RATE * (time_s - 160.0))
 
 
-def forecast(output, time_s, tracked=True, hint=None):
+def forecast(output, time_s, tracked=True, hint=None, start_ns=STAMP_NS):
     tracker = SimpleNamespace(hints=SimpleNamespace(newest=hint), attitude=SimpleNamespace(
         attitude=SimpleNamespace(quaternion=attitude(time_s)), rate_rad_s=RATE)
         if tracked else None)
-    values = output._forecast(tracker, STAMP_NS + round(time_s * 1e9))
+    values = output._forecast(tracker, start_ns + round(time_s * 1e9))
     return float(values['seconds_to_blinding']) if values else None
 
 
 def test_the_newest_attitude_counts_and_is_turned_to_now():
     node = SimpleNamespace(advertise=lambda *_: None,
                            options=lambda _: ExclusionOptions(sun_exclusion_deg=30.0))
-    output = TrackerStateOutput(
-        node, SimpleNamespace(motion=SimpleNamespace(geocentric=lambda _: None)))
+    output = TrackerStateOutput(node, SimpleNamespace(motion=ObserverMotion()))
     old = Hint(STAMP_NS, attitude(-50.0), np.eye(3), RATE, np.eye(3))
     assert forecast(output, 0.0, tracked=False) is None
     assert forecast(output, 0.0, tracked=False, hint=old) == pytest.approx(149.5, abs=1.0)
@@ -53,3 +53,5 @@ def test_the_newest_attitude_counts_and_is_turned_to_now():
     assert forecast(output, 20.0, tracked=False, hint=newer) == pytest.approx(
         blinded_s - 10.0, abs=0.2)
     assert forecast(output, HORIZON_S + 20.0, tracked=False, hint=newer) is None
+    # Where the Sun is, stamps since boot do not say.
+    assert forecast(output, 0.0, start_ns=100 * 10 ** 9) is None

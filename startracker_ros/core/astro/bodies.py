@@ -11,8 +11,8 @@ import erfa
 import numpy as np
 from startracker_ros.core.astro.constants import (
     AU_M, DAY_S, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S, YEAR_S)
-from startracker_ros.core.astro.earth import earth_state, in_range, julian_date
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.earth import earth_state, julian_date
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp, why_no_date
 from startracker_ros.core.maths.rotation import ARCSEC
 
 PLANETS = ('Mercury', 'Venus', 'Mars', 'Jupiter', 'Saturn', 'Uranus', 'Neptune')
@@ -114,17 +114,18 @@ def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> Bodi
 
 
 def bodies_at(stamp_ns: int, position_m: np.ndarray | None = None) -> BodiesInSky | None:
-    """Return bodies_from_earth() within 5 s of a UNIX time in ns, None outside 1900 to 2100."""
+    """Return bodies_from_earth() within 5 s of a stamp, None for one that is no date."""
     place = None if position_m is None else tuple(position_m.tolist())
     return _bodies_in_step(stamp_ns // STEP_NS, place)
 
 
 @lru_cache(maxsize=8)
 def _bodies_in_step(step: int, position_m: tuple[float, ...] | None) -> BodiesInSky | None:
-    year = epoch_year_from_stamp(step * STEP_NS + STEP_NS // 2)
-    if not in_range(year):
+    stamp_ns = step * STEP_NS + STEP_NS // 2
+    if why_no_date(stamp_ns):
         return None
-    return bodies_from_earth(year, None if position_m is None else np.array(position_m))
+    return bodies_from_earth(epoch_year_from_stamp(stamp_ns),
+                             None if position_m is None else np.array(position_m))
 
 
 def bright_bodies(year: float, position_m: np.ndarray | None = None

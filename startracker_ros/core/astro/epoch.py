@@ -5,14 +5,34 @@
 
 from datetime import datetime, timedelta, UTC
 import time
+from typing import NamedTuple
 
 from startracker_ros.core.astro.constants import YEAR_S
+from startracker_ros.core.astro.earth import LAST_YEAR
 
 RESTART_NS = 1_000_000_000
 """Stamps that step back by more come from a restarted simulation or a looped bag."""
 
+NOT_STAMPED = ('stamp 0: the driver does not stamp its messages: let it stamp each with the time '
+               'of the middle of the exposure, in UTC')
+
+FIRST_DATE_YEAR = 2000.0
+"""No camera with a driver of today took images before: an earlier stamp is of another clock."""
+
 _J2000_NS = 946_728_000 * 10 ** 9
 _YEAR_NS = round(YEAR_S) * 10 ** 9
+_LONGEST_UPTIME_YEARS = 10.0
+_NEAR_YEARS = 0.05
+"""No star of the catalogue moves by more than 0.2 arcsec in this time."""
+# Where the seconds of other clocks are zero, in UNIX time. TAI and GPS time have no leap seconds:
+# 37 and 18 since 2017 (IERS Bulletin C 52 and later).
+_OTHER_ZEROS_S = {
+    'GPS time, of seconds since 1980': 315_964_800 - 18,
+    'TAI of seconds since 1958': -378_691_200 - 37,
+    'seconds since 2000': 946_728_000}
+_ZERO_TOLERANCE_S = 3600.0
+"""How late a message may be for its clock to be recognised."""
+_UTC_HINT = 'let it stamp in UTC since 1970, which gives the velocity of the Earth'
 
 
 def epoch_year_from_stamp(stamp_ns: int) -> float:
@@ -22,6 +42,68 @@ def epoch_year_from_stamp(stamp_ns: int) -> float:
     UTC serves as Terrestrial Time: in the minute between them no star moves by 0.1 mas.
     """
     return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
+
+
+class CatalogueEpoch(NamedTuple):
+    """
+    The Julian year of a catalogue with its 1 sigma in years.
+
+    other_clock is what the stamps count that it was to be taken from, empty where that is UTC or
+    not known.
+    """
+
+    year: float
+    sigma_years: float = 0.0
+    other_clock: str = ''
+
+    def is_near(self, other: 'CatalogueEpoch') -> bool:
+        """Return whether the stars of another epoch are where they are at this one."""
+        return self[1:] == other[1:] and abs(self.year - other.year) <= _NEAR_YEARS
+
+    def __str__(self) -> str:
+        if not self.sigma_years:
+            return f'epoch J{self.year:.2f}'
+        return f'epoch J{self.year:.0f} +- {self.sigma_years:.0f} years, as the date is unknown'
+
+
+def catalogue_epoch(stamp_ns: int, received_ns: int | None = None) -> CatalogueEpoch:
+    """
+    Return the epoch of the stars for images of a stamp.
+
+    received_ns is the UNIX time at which its message came, by which clocks that count from
+    another time are recognised. Where the date is unknown it is the middle of 2000 to 2050, with
+    the standard deviation of a date that may be any of these.
+    """
+    clock = '' if received_ns is None else _other_clock((received_ns - stamp_ns) * 1e-9)
+    if why_no_date(stamp_ns, clock):
+        return CatalogueEpoch(2025.0, 25 / 3 ** 0.5, clock)
+    return CatalogueEpoch(epoch_year_from_stamp(stamp_ns))
+
+
+def _other_clock(late_s: float) -> str:
+    """Return the clock whose stamps are so late, empty for none."""
+    return next((clock for clock, zero_s in _OTHER_ZEROS_S.items()
+                 if abs(late_s - zero_s) < _ZERO_TOLERANCE_S), '')
+
+
+def why_no_date(stamp_ns: int, other_clock: str = '') -> str:
+    """
+    Return why a stamp is no UTC of a date from 2000 to 2100, and what to do; empty if it is one.
+
+    The text is the same for all stamps of a run.
+    """
+    if other_clock:
+        return f'the driver stamps in {other_clock}, not in UTC: {_UTC_HINT}'
+    if not stamp_ns:
+        return NOT_STAMPED
+    year = epoch_year_from_stamp(stamp_ns)
+    if FIRST_DATE_YEAR <= year <= LAST_YEAR:
+        return ''
+    if 0 <= year - 1970 < _LONGEST_UPTIME_YEARS:
+        return (f'stamps of {int(year)}: the driver stamps since boot, not UTC: {_UTC_HINT}; a '
+                'simulation may begin at a date, or have no aberration (aberration: none)')
+    return (f'stamps of {int(year)} are no UTC of a date from {FIRST_DATE_YEAR:.0f} to '
+            f'{LAST_YEAR:.0f}: the driver stamps by another clock: {_UTC_HINT}')
 
 
 def stamp_from_epoch_year(year: float) -> int:

@@ -11,9 +11,10 @@ import numpy as np
 from startracker_ros.core.astro.aberration import Air, Vantage, vantage_near_earth
 from startracker_ros.core.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M
-from startracker_ros.core.astro.earth import earth_state, EpochError
+from startracker_ros.core.astro.earth import earth_state
 from startracker_ros.core.astro.elements import orbit_velocity, OrbitOptions
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.epoch import (
+    CatalogueEpoch, epoch_year_from_stamp, why_no_date)
 from startracker_ros.core.astro.orbit import OrbitError, propagate
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.options import option
@@ -40,6 +41,8 @@ EARTH_SIGMA_M_S = np.hypot(29.8e3, 7.9e3) / np.sqrt(3)
 """1 sigma per axis where the velocity of the Earth is unknown as well."""
 
 _NO_ODOMETRY = 'no odometry'
+_OTHER_EPOCH_YEARS = 5.0
+"""Between stamps and an epoch that was given for them: one of both is wrong."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,8 @@ class Observer(NamedTuple):
     velocity_sigma_m_s is the 1 sigma of the unknown velocity per axis; used is full, earth_only
     or none, and reason why this is less than was requested, empty if it is not. trouble is
     whether the reason is an input that is wrong, and not just one that is not there. bodies are
-    planets, Moon and Sun, None where the time is unknown.
+    planets, Moon and Sun, None where the time is unknown. epoch_sigma_years is the 1 sigma of the
+    epoch of the stars.
     """
 
     vantage: Vantage | None
@@ -73,6 +77,7 @@ class Observer(NamedTuple):
     reason: str = ''
     trouble: bool = False
     bodies: BodiesInSky | None = None
+    epoch_sigma_years: float = 0.0
 
     @property
     def condition(self) -> str:
@@ -94,10 +99,16 @@ def observer_at(year: float, velocity_m_s: np.ndarray | None, air: Air | None = 
 
 
 class ObserverMotion:
-    """The velocity of the observer at any stamp, from the newest odometry or from elements."""
+    """
+    The velocity of the observer at any stamp, from the newest odometry or from elements.
 
-    def __init__(self, options: AberrationOptions = AberrationOptions()) -> None:
+    epoch is that of the stars, None for that of the stamps.
+    """
+
+    def __init__(self, options: AberrationOptions = AberrationOptions(),
+                 epoch: CatalogueEpoch | None = None) -> None:
         self._mode = options.aberration
+        self._epoch = epoch
         self._newest: tuple[int, State] | None = None
         self._velocity, self._orbit_error = None, ''
         try:
@@ -125,8 +136,24 @@ class ObserverMotion:
         moves = self._newest is not None or self._velocity is not None
         time = stamp_ns if moves else stamp_ns // STEP_NS
         if self._last is None or self._last[0] != time:
-            self._last = time, self._at(stamp_ns, self._bodies(stamp_ns))
+            observer = self._at(stamp_ns, self.why_no_date(stamp_ns))
+            if self._epoch is not None:
+                observer = observer._replace(epoch_sigma_years=self._epoch.sigma_years)
+            self._last = time, observer
         return self._last[1]
+
+    def why_no_date(self, stamp_ns: int) -> str:
+        """Return why the date of a stamp is unknown, empty where it is known."""
+        epoch = self._epoch
+        # A simulation may begin at 0.
+        no_date = why_no_date(stamp_ns or 1, '' if epoch is None else epoch.other_clock)
+        if no_date or epoch is None or epoch.sigma_years:
+            return no_date
+        year = epoch_year_from_stamp(stamp_ns)
+        if abs(year - epoch.year) > _OTHER_EPOCH_YEARS:
+            return (f'stamps of {int(year)}, but the stars are of {epoch}: one of both is wrong, '
+                    'or the driver stamps by another clock than UTC')
+        return ''
 
     def geocentric(self, stamp_ns: int) -> State | None:
         """Return position and velocity out of odometry at a stamp, None if it has none."""
@@ -151,13 +178,13 @@ class ObserverMotion:
             self._seen = step, bodies_at(stamp_ns, None if state is None else state.position_m)
         return self._seen[1]
 
-    def _at(self, stamp_ns: int, bodies: BodiesInSky | None) -> Observer:
+    def _at(self, stamp_ns: int, no_date: str) -> Observer:
+        bodies = None if no_date else self._bodies(stamp_ns)
         if self._mode == 'none':
             return AT_REST._replace(bodies=bodies)
-        try:
-            heliocentric_au, earth_m_s = _earth(stamp_ns // STEP_NS)
-        except EpochError as error:
-            return Observer(None, EARTH_SIGMA_M_S, 'none', str(error), True, bodies)
+        if no_date:
+            return Observer(None, EARTH_SIGMA_M_S, 'none', no_date, True)
+        heliocentric_au, earth_m_s = _earth(stamp_ns // STEP_NS)
         reason = ''
         if self._mode == 'full':
             velocity_m_s, reason = self._velocity_or_reason(stamp_ns)

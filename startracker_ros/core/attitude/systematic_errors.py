@@ -12,19 +12,46 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
+from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, ray, undistort
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.maths.small_algebra import inverse
 
 
-def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
-                        sensor: np.ndarray, sigma: np.ndarray) -> AttitudeEstimate:
-    """Return an attitude whose covariance contains velocity_covariance()."""
-    if not velocity_sigma_m_s:
+def with_observer_error(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
+                        sigma: np.ndarray, motion: np.ndarray | None = None) -> AttitudeEstimate:
+    """
+    Return an attitude whose covariance contains what is not known of the observer.
+
+    That is its velocity, as velocity_covariance(), and the epoch of the stars, where motion (N, 3)
+    is their proper motion in rad a year on ICRS axes, as with_epoch_error().
+    """
+    if observer.velocity_sigma_m_s:
+        attitude = replace(
+            attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
+                observer.velocity_sigma_m_s, np.ascontiguousarray(sensor),
+                np.ascontiguousarray(sigma)))
+    return with_epoch_error(attitude, observer.epoch_sigma_years, sensor, sigma, motion)
+
+
+def with_epoch_error(attitude: AttitudeEstimate, sigma_years: float, sensor: np.ndarray,
+                     sigma: np.ndarray, motion: np.ndarray | None) -> AttitudeEstimate:
+    """
+    Return an attitude whose covariance contains an error of the epoch of the stars.
+
+    sensor (N, 3) and sigma (N,) are those of velocity_covariance(). Proper motions m (N, 3), rad a
+    year on ICRS axes, turn the best fit by F^-1 sum w (p x m) in a year; None where unknown.
+    """
+    if motion is None or not sigma_years or len(sensor) < 2:
         return attitude
-    return replace(attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
-        velocity_sigma_m_s, np.ascontiguousarray(sensor), np.ascontiguousarray(sigma)))
+    weight = 1 / sigma ** 2
+    on_sensor = motion @ matrix_from_quaternion(attitude.quaternion)
+    F = weight.sum() * np.eye(3) - (weight * sensor.T) @ sensor
+    turn = np.linalg.solve(F, weight @ np.cross(sensor, on_sensor))
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor
+                   + sigma_years ** 2 * np.outer(turn, turn))
 
 
 @compiled

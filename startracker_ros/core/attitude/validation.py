@@ -96,15 +96,15 @@ class AttitudeValidator:
 
         Stars that the catalogue does not hold (hip 0) are left out. Where errors are not round,
         the best fit to them starts at that of the solver, unless this takes two stars only. The
-        covariance is inflated when chi2 rejects the residuals at such errors, and contains the
-        unknown velocity of the observer.
+        covariance is inflated when chi2 rejects the residuals at such errors, and contains what is
+        not known of the observer: its velocity, the epoch of the stars.
         """
         # What only solve() needs takes long to import, SciPy most of all.
         from scipy.special import chdtri
         from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.core.attitude.estimate import (
             AttitudeError, estimate_attitude, mean_chi2)
-        from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+        from startracker_ros.core.attitude.systematic_errors import with_observer_error
         known, icrf = _known(sky, hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
@@ -125,9 +125,9 @@ class AttitudeValidator:
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
-        attitude = with_velocity_error(replace(
-            attitude, covariance_sensor=attitude.covariance_sensor * excess),
-            sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
+        attitude = with_observer_error(
+            replace(attitude, covariance_sensor=attitude.covariance_sensor * excess),
+            sky.observer, sensor, sigma_rad, sky.motion(sky.onboard.index_of(hip[known])))
         return self._trusted(attitude, partial(
             protection_level, attitude.covariance_sensor, sensor, sigma_rad,
             attitude.residual_rad, self._protection))

@@ -3,11 +3,21 @@
 
 """Pixel values of any number type as the 16-bit levels that star detection has."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 _HIGHEST = 65535
 _LEVELS_PER_NOISE = 4.0  # so that rounding adds 0.3 % to the noise
 _LOW_PERCENT = 0.05
+
+CELL_PX = 2
+"""Side of a cell of a Bayer mosaic."""
+
+# The sum of four 8-bit pixels is below; full_scale() of the star detection knows it.
+_FULL_10_BIT = 1023
+_SWAPPED_NOISE = 4.0  # times as large as with the other order of bytes
+_SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 64, 512, 1000
 
 
 def sixteen_bit(pixels: np.ndarray) -> np.ndarray:
@@ -36,3 +46,61 @@ def sixteen_bit(pixels: np.ndarray) -> np.ndarray:
         if noise > 0:
             step = min(step, noise / _LEVELS_PER_NOISE)
     return ((values - low) / step).round().clip(0, _HIGHEST).astype(np.uint16)
+
+
+def mosaic_levels(mosaic: np.ndarray) -> np.ndarray:
+    """
+    Return a Bayer mosaic (H, W) uint8 or uint16 as (H // 2, W // 2) uint16, a pixel for each cell.
+
+    The levels are those of colour_levels() with four colours.
+    """
+    height, width = (CELL_PX * (side // CELL_PX) for side in mosaic.shape)
+    return _joined([mosaic[v:height:CELL_PX, u:width:CELL_PX]
+                    for v in range(CELL_PX) for u in range(CELL_PX)])
+
+
+def colour_levels(image: np.ndarray) -> np.ndarray:
+    """
+    Return an image (H, W, C) uint8 or uint16 as (H, W) uint16, without loss of noise to rounding.
+
+    Of 8 bits it is the sum of the colours, 1023 where one of them is saturated; of 16 bits their
+    mean.
+    """
+    return _joined([image[..., colour] for colour in range(image.shape[2])])
+
+
+def _joined(colours: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the levels (H, W) uint16 of colours (H, W) each."""
+    first = colours[0]
+    total = first.astype(np.uint16 if first.dtype == np.uint8 else np.uint32)
+    brightest = first
+    for colour in colours[1:]:
+        total = total + colour
+        brightest = np.maximum(brightest, colour)
+    if first.dtype != np.uint8:
+        return ((total + len(colours) // 2) // len(colours)).astype(np.uint16)
+    total[brightest == np.iinfo(np.uint8).max] = _FULL_10_BIT
+    return total
+
+
+def has_swapped_bytes(image: np.ndarray) -> bool:
+    """
+    Return whether the noise of an image (H, W) uint16, or mosaic, is that of swapped bytes.
+
+    Pixels differ little from those two beside them. With swapped bytes they differ by multiples
+    of 256, unless the values are those of 8 bits, shifted up.
+    """
+    first = max(0, (image.shape[1] - _SAMPLED_COLUMNS) // 2)
+    sample = np.ascontiguousarray(image[::max(1, len(image) // _SAMPLED_ROWS),
+                                        first:first + _SAMPLED_COLUMNS])
+    if _noise(sample) <= _SWAPPED_NOISE * _noise(sample.byteswap()):
+        return False
+    low = image & 0xff
+    return bool((low != low[0, 0]).any())
+
+
+def _noise(sample: np.ndarray) -> float:
+    """Return the mean second difference of neighbours of one colour in rows (H, W)."""
+    values = sample.astype(np.int32)
+    second = values[:, :-4] - 2 * values[:, 2:-2] + values[:, 4:]
+    return float(np.abs(second).mean()) if second.size >= _LEAST_SAMPLE else 0.0

@@ -162,6 +162,14 @@ class Camera:
         """Return the camera with both focal lengths multiplied by ratio."""
         return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)
 
+    def summed(self, cell: int) -> 'Camera':
+        """Return the camera of an image of which each pixel is cell x cell of this one."""
+        if cell == 1:
+            return self
+        return replace(self, width=self.width // cell, height=self.height // cell,
+                       fx=self.fx / cell, fy=self.fy / cell, cx=(self.cx - (cell - 1) / 2) / cell,
+                       cy=(self.cy - (cell - 1) / 2) / cell)
+
     def ideal(self) -> 'Camera':
         """Return the camera without distortion."""
         return replace(self, distortion=(0.0,) * len(self.distortion))

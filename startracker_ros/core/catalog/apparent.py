@@ -50,6 +50,11 @@ class ApparentCatalog:
         """Return the apparent unit vectors (M, 3) of entries (M,)."""
         return self._directions.of(star_index)
 
+    def motion(self, star_index: np.ndarray) -> np.ndarray | None:
+        """Return the proper motions (M, 3) of entries (M,) in rad a year, None if not known."""
+        motion = self.onboard.motion
+        return None if motion is None else motion[star_index]
+
     def crowded(self, star_index: np.ndarray) -> np.ndarray:
         """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
         return self._crowding.of(star_index)

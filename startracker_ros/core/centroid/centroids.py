@@ -83,6 +83,15 @@ class Centroids:
             return self
         return self.select(np.argsort(-self.flux, kind='stable')[:most])
 
+    def of_cells(self, cell: int) -> 'Centroids':
+        """Return them in the pixels of a camera, where those of the image are cell x cell each."""
+        if cell == 1:
+            return self
+        square = cell ** 2
+        return Centroids(cell * self.uv + (cell - 1) / 2, self.flux, self.snr,
+                         cell * self.sigma_px, square * self.covariance, cell * self.delay_s,
+                         square * self.common, self.exposure_s)
+
     @property
     def are_streaks(self) -> bool:
         """Return whether the errors are those of streaks: not the same along and across."""

@@ -15,6 +15,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
+from startracker_ros.core.astro.epoch import why_no_date
+from startracker_ros.core.astro.observer_motion import EARTH_SIGMA_M_S
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.head import Head, HeadFrame, HeadState
 from startracker_ros.core.fusion.motion import BodyMotion
@@ -297,8 +300,19 @@ class AttitudeFusion:
         state = self._history[-1].state
         P = state.covariance
         self._previous = sign_continuous(state.quaternion, self._previous)
-        return FusedAttitude(state.stamp_ns, self._previous, P[:3, :3], state.rate, P[3:6, 3:6],
-                             state.drift, P[6:BODY, 6:BODY])
+        return FusedAttitude(
+            state.stamp_ns, self._previous, P[:3, :3] + self._lasting_rad2 * np.eye(3), state.rate,
+            P[3:6, 3:6], state.drift, P[6:BODY, 6:BODY])
+
+    @property
+    def _lasting_rad2(self) -> float:
+        """Return the variance per axis of an error that is in all frames: of an unknown date."""
+        newest = self._history[-1]
+        if not why_no_date(newest.state.stamp_ns):
+            return 0.0
+        # Across the boresight, which two axes are. Heads of a sky without aberration have less.
+        across = float(np.linalg.eigvalsh(newest.frame.covariance)[1])
+        return min(across, (EARTH_SIGMA_M_S / SPEED_OF_LIGHT_M_S) ** 2)
 
     # --- start ---
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import estimate_attitude
-from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+from startracker_ros.core.attitude.systematic_errors import with_observer_error
 from startracker_ros.core.camera.lens import plane_points, rays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
@@ -31,13 +31,27 @@ def icrf_identification(found: Identification, centroids: Centroids, camera: Cam
     """
     star_index = sky.onboard.index_of(found.hip)
     known = (found.hip > 0) & (star_index >= 0)
-    if found.attitude is None or sky.observer.vantage is None or np.count_nonzero(known) < 2:
+    if found.attitude is None or np.count_nonzero(known) < 2:
         return found
-    icrf = sky.direction(star_index[known])
-    sensor, equidistant = camera.unproject(centroids.uv[known]), camera.model.equidistant
-    plane = plane_points(equidistant, sensor)
+    sensor = camera.unproject(centroids.uv[known])
     sigma_rad = camera.pixel_rad * np.hypot(centroids.sigma_px[known], options.sigma_floor_px)
-    tolerance, ratio = options.fov_error_percent / 100, found.focal_ratio
+    if sky.observer.vantage is not None:
+        found = _fitted(found, known, sensor, sky.direction(star_index[known]), sigma_rad, camera,
+                        options.fov_error_percent / 100)
+    assert found.attitude is not None
+    return replace(found, attitude=with_observer_error(
+        found.attitude, sky.observer, sensor, sigma_rad, sky.motion(star_index[known])))
+
+
+def _fitted(found: Identification, known: np.ndarray, sensor: np.ndarray, icrf: np.ndarray,
+            sigma_rad: np.ndarray, camera: Camera, tolerance: float) -> Identification:
+    """
+    Return an identification fitted to apparent directions icrf (K, 3) of its known stars (N,).
+
+    sensor (K, 3) are where the camera sees them, with errors sigma_rad (K,).
+    """
+    equidistant, ratio = camera.model.equidistant, found.focal_ratio
+    plane = plane_points(equidistant, sensor)
     for _ in range(_ITERATIONS):
         seen = rays(equidistant, plane / ratio)
         attitude = estimate_attitude(seen, icrf, sigma_rad)
@@ -46,5 +60,4 @@ def icrf_identification(found: Identification, centroids: Centroids, camera: Cam
         ratio = min(max(ratio * fitted, 1 - tolerance), 1 + tolerance)
     residual_px = found.residual_px.copy()
     residual_px[known] = attitude.residual_rad / camera.pixel_rad
-    return replace(found, focal_ratio=ratio, residual_px=residual_px, attitude=with_velocity_error(
-        attitude, sky.observer.velocity_sigma_m_s, sensor, sigma_rad))
+    return replace(found, focal_ratio=ratio, residual_px=residual_px, attitude=attitude)

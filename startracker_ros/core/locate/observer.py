@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.earth import earth_velocity_m_s
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS, why_no_date
+from startracker_ros.core.astro.observer_motion import EARTH_SIGMA_M_S
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.locate.line_of_sight import (
@@ -188,11 +190,16 @@ class Observer:
         if target is None or attitude is None or state is None or self.camera is None:
             return False
         (uv, sigma_px), (quaternion, covariance) = target, attitude
+        earth_m_s = np.zeros(3)
+        if self._options.aberration == 'stars_and_target':
+            if why_no_date(stamp_ns):
+                covariance = covariance + (EARTH_SIGMA_M_S / SPEED_OF_LIGHT_M_S) ** 2 * np.eye(3)
+            else:
+                earth_m_s = earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
         line = line_of_sight(self.camera, uv, sigma_px, quaternion, covariance,
                              state.position_m, state.covariance_m2)
         direction = line.direction
         if self._options.aberration == 'stars_and_target':
-            earth_m_s = earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
             direction = without_aberration(
                 direction, state.velocity_m_s,
                 boresight=rotate(quaternion, np.array([0.0, 0.0, 1.0])),

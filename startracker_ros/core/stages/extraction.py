@@ -180,15 +180,20 @@ class ExtractionStage:
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray,
-                predicted: PredictedCentroids | None = None, lost: bool = True) -> Extraction:
+                predicted: PredictedCentroids | None = None, lost: bool = True,
+                cell: int = 1) -> Extraction:
         """
         Return the stars of image (H, W) uint8 or uint16 of a time, and its exposure.
 
-        Without lost, that there is no prediction does not mean that no star tracker tracks.
+        Without lost, that there is no prediction does not mean that no star tracker tracks. Where
+        each pixel of the image is cell x cell pixels of the camera, predictions and positions are
+        in those of the camera, widths in those of the image.
         """
-        extraction = self._extract(stamp_ns, image, predicted, lost)
-        return replace(extraction, centroids=replace(
-            extraction.centroids, exposure_s=self.exposure_s))
+        extraction = self._extract(
+            stamp_ns, image, None if predicted is None else predicted.in_cells(cell), lost)
+        centroids = replace(extraction.centroids, exposure_s=self.exposure_s)
+        return replace(extraction, centroids=centroids.of_cells(cell),
+                       rejected_uv=cell * extraction.rejected_uv + (cell - 1) / 2)
 
     @property
     def exposure_s(self) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from startracker_ros.core.astro.aberration import apparent_directions
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+from startracker_ros.core.attitude.systematic_errors import with_observer_error
 from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.core.calibration.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
@@ -296,10 +296,9 @@ def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray
 
     sensor (N, 3) and sigma (N,) are those of velocity_covariance().
     """
-    if observer.vantage is None:
-        return attitude
-    axes = matrix_from_quaternion(attitude.quaternion)
-    z, y = apparent_directions(
-        np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
-    return with_velocity_error(replace(attitude, quaternion=quaternion_from_axes(z, y)),
-                               observer.velocity_sigma_m_s, sensor, sigma)
+    if observer.vantage is not None:
+        axes = matrix_from_quaternion(attitude.quaternion)
+        z, y = apparent_directions(
+            np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
+        attitude = replace(attitude, quaternion=quaternion_from_axes(z, y))
+    return with_observer_error(attitude, observer, sensor, sigma)

@@ -12,6 +12,7 @@ import numpy as np
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.attitude.systematic_errors import with_epoch_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -479,8 +480,15 @@ class TrackFilter:
         return self.sky.at(self._bank_stamp_ns)
 
     def _with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
-        return self._model.with_systematic_errors(
-            estimate, self._tracked_sky.observer.velocity_sigma_m_s)
+        sky, bank = self._tracked_sky, self._model.bank
+        estimate = self._model.with_systematic_errors(estimate, sky.observer.velocity_sigma_m_s)
+        if not sky.observer.epoch_sigma_years:
+            return estimate
+        seen = bank.detected
+        return with_epoch_error(
+            estimate, sky.observer.epoch_sigma_years, self._camera.unproject(bank.uv[seen]),
+            self._camera.pixel_rad * np.sqrt(bank.variance[seen]),
+            sky.motion(bank.star_index[seen]))
 
     def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
         return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s

@@ -8,11 +8,14 @@ They serve the nodes, whose messages rclpy makes, and readers of bags, whose mes
 other decoders: every function here reads attributes only.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.distortion import MODELS, PLUMB_BOB
+from startracker_ros.core.camera.levels import (
+    CELL_PX, colour_levels, has_swapped_bytes, mosaic_levels)
 from startracker_ros.core.camera.model import Camera
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
@@ -59,23 +62,89 @@ def ns_from_stamp(stamp: Any) -> int:
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
-def image_from_message(message: Any) -> np.ndarray:
-    """Return a (H, W) uint8 or uint16 view of mono8 or mono16; MessageError if it is neither."""
-    kinds = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2'}
-    if message.encoding not in kinds:
-        raise MessageError(f'image encoding {message.encoding!r} is not mono8 or mono16')
+class StarImage(NamedTuple):
+    """
+    The grey pixels (H, W) uint8 or uint16 of an image.
+
+    Each is the sum or the mean of cell x cell pixels of the camera.
+    """
+
+    pixels: np.ndarray
+    cell: int = 1
+
+    def check_size(self, camera: Camera) -> None:
+        """Raise MessageError for an image of another size than that of the camera."""
+        height, width = self.pixels.shape
+        if (height, width) != (camera.height // self.cell, camera.width // self.cell):
+            raise MessageError(
+                f'image of {self.cell * width} x {self.cell * height} px does not fit camera_info '
+                f'of {camera.width} x {camera.height} px')
+
+    def in_full(self) -> np.ndarray:
+        """Return the pixels as large as they are in the image of the camera."""
+        if self.cell == 1:
+            return self.pixels
+        return self.pixels.repeat(self.cell, axis=0).repeat(self.cell, axis=1)
+
+
+def image_from_message(message: Any) -> StarImage:
+    """
+    Return the grey pixels of an image, a view where that is possible; MessageError names a fault.
+
+    Colours and the cells of a Bayer mosaic are joined, of YUV 4:2:2 the luminance is taken.
+    """
+    if message.encoding not in _ENCODINGS:
+        raise MessageError(f'image encoding {message.encoding!r} is none of '
+                           f'{", ".join(_ENCODINGS)}')
+    dtype, channels, grey = _ENCODINGS[message.encoding]
     if message.width == 0 or message.height == 0:
         raise MessageError(f'image size {message.width} x {message.height} is empty')
-    order = '>' if message.is_bigendian else '<'
-    dtype = np.dtype(order + kinds[message.encoding])
-    row_bytes = message.width * dtype.itemsize
-    if message.step < row_bytes or len(message.data) < message.step * message.height:
+    dtype = dtype.newbyteorder('>' if message.is_bigendian else '<')
+    pixel_bytes = channels * dtype.itemsize
+    if (message.step < message.width * pixel_bytes
+            or len(message.data) < message.step * message.height):
         raise MessageError(
             f'image data of {len(message.data)} bytes, step {message.step}, is too short for '
             f'{message.width} x {message.height} {message.encoding}')
-    image = np.ndarray((message.height, message.width), dtype, message.data,
-                       strides=(message.step, dtype.itemsize))
-    return image if dtype.isnative else image.astype(dtype.newbyteorder('='))
+    image = np.ndarray((message.height, message.width, channels), dtype, message.data,
+                       strides=(message.step, pixel_bytes, dtype.itemsize))
+    if not (dtype.isnative and image.flags.aligned):
+        image = image.astype(dtype.newbyteorder('='))
+    if dtype.itemsize == 2 and has_swapped_bytes(image[..., 0]):
+        raise MessageError(
+            'the bytes of each value are swapped, as the noise of neighbouring values says: let '
+            f'the driver set is_bigendian to {int(not message.is_bigendian)}, or send the other '
+            'order of bytes')
+    return grey(image)
+
+
+def _first(image: np.ndarray) -> StarImage:
+    return StarImage(image[..., 0])
+
+
+def _second(image: np.ndarray) -> StarImage:
+    return StarImage(image[..., 1])
+
+
+def _colours(image: np.ndarray) -> StarImage:
+    return StarImage(colour_levels(image[..., :3]))
+
+
+def _mosaic(image: np.ndarray) -> StarImage:
+    return StarImage(mosaic_levels(image[..., 0]), CELL_PX)
+
+
+_8_BIT, _16_BIT = np.dtype(np.uint8), np.dtype(np.uint16)
+_ENCODINGS: dict[str, tuple[np.dtype, int, Callable[[np.ndarray], StarImage]]] = {
+    'mono8': (_8_BIT, 1, _first), 'mono16': (_16_BIT, 1, _first),
+    '8UC1': (_8_BIT, 1, _first), '16UC1': (_16_BIT, 1, _first),
+    'rgb8': (_8_BIT, 3, _colours), 'bgr8': (_8_BIT, 3, _colours),
+    'rgba8': (_8_BIT, 4, _colours), 'bgra8': (_8_BIT, 4, _colours),
+    **{f'bayer_{order}{bits}': (dtype, 1, _mosaic) for bits, dtype in ((8, _8_BIT), (16, _16_BIT))
+       for order in ('rggb', 'bggr', 'gbrg', 'grbg')},
+    'yuv422': (_8_BIT, 2, _second), 'uyvy': (_8_BIT, 2, _second),
+    'yuv422_yuy2': (_8_BIT, 2, _first), 'yuyv': (_8_BIT, 2, _first)}
+"""Type and channels of a pixel, and what it is as a grey one; sensor_msgs/image_encodings.hpp."""
 
 
 def camera_from_message(message: Any) -> Camera:

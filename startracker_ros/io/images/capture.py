@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
+from startracker_ros.core.camera.levels import mosaic_levels
 from startracker_ros.core.exposure.control import Setting
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.images.images import grey, image_paths, read_image
@@ -57,8 +58,8 @@ class CaptureOptions(Options):
     height: int = option(0, 'image height of the camera, 0 for 480', unit='px', low=0, high=20_000)
     pixel_format: str = option(
         'auto', 'V4L2 format (FOURCC) of the camera; auto, MJPG and YUYV become 8 bit grey; GREY '
-        'and Y10 to Y16 are published as they are, Bayer mosaics as the mean of each 2 x 2 cell, '
-        'at half the resolution', choices=(*_CONVERTED, *_PIXEL_BYTES))
+        'and Y10 to Y16 are published as they are, Bayer mosaics at half the resolution, each '
+        '2 x 2 cell as its sum (8 bit) or mean, in 16 bit', choices=(*_CONVERTED, *_PIXEL_BYTES))
 
 
 class CaptureError(RuntimeError):
@@ -222,8 +223,7 @@ class V4l2Camera:
             '<u2' if self._pixel_bytes == 2 else np.uint8)
         if not self._mosaic:
             return image
-        size = width // 2, height // 2
-        return cv2.resize(image[:2 * size[1], :2 * size[0]], size, interpolation=cv2.INTER_AREA)
+        return mosaic_levels(image)
 
     def close(self) -> None:
         """Release the camera."""

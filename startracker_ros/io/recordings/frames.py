@@ -65,7 +65,7 @@ def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None
                                 start_ns=received_ns, tolerant=not recording.complete):
         message = record.decoded()
         if message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec == stamp_ns:
-            return image_from_message(message)
+            return image_from_message(message).in_full()
     return None
 
 

@@ -16,7 +16,7 @@ from startracker_ros.core.stages.annotate import annotate, Labels
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
 from startracker_ros.core.stages.sky_marks import mark_bodies
-from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode, EARLY
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -78,17 +78,14 @@ class CentroidExtractorNode(CameraNode):
             self._predicted = predictions_from_message(message, camera)
             self._bodies = bodies_from_message(message)
 
-    def _on_image(self, image: np.ndarray, header: Header) -> None:
+    def _on_image(self, image: StarImage, header: Header) -> None:
         camera = self.camera_or_drop()
         if camera is None or not self.in_order(self.frame_topic, header.stamp):
             return
-        if image.shape != (camera.height, camera.width):
-            raise MessageError(
-                f'image of {image.shape[1]} x {image.shape[0]} px does not fit camera_info of '
-                f'{camera.width} x {camera.height} px')
+        image.check_size(camera)
         extraction = self._stage.extract(
-            ns_from_stamp(header.stamp), image, self._predicted,
-            lost=self.has_publisher('predicted_centroids'))
+            ns_from_stamp(header.stamp), image.pixels, self._predicted,
+            lost=self.has_publisher('predicted_centroids'), cell=image.cell)
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.windowed))
         self.defer(partial(self._report, header, image, extraction))
@@ -101,10 +98,10 @@ class CentroidExtractorNode(CameraNode):
         mark_bodies(picture, self._bodies, labels)
         return picture
 
-    def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
+    def _report(self, header: Header, image: StarImage, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""
         publish_if_subscribed(self._annotated, lambda: image_to_message(
-            self._picture(image, extraction), header))
+            self._picture(image.in_full(), extraction), header))
         publish_if_subscribed(self._markers, lambda: centroids_to_image_marker(
             extraction.centroids.uv, header))
         self.diagnostics.describe = partial(_describe, extraction, self._stage.windowed)

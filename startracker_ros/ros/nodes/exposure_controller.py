@@ -3,9 +3,8 @@
 
 """exposure_controller: image_raw of another camera driver -> its exposure time and gain."""
 
-import numpy as np
 from startracker_ros.core.exposure.control import ExposureOptions
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.io.images.auto_exposure import AutoExposure
 from startracker_ros.io.images.capture import Captured
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -45,12 +44,12 @@ class ExposureControllerNode(PipelineNode):
     def close(self) -> None:
         self.deactivate()
 
-    def _on_image(self, image: np.ndarray, header: Header) -> None:
+    def _on_image(self, image: StarImage, header: Header) -> None:
         assert self._exposure is not None
         stamp_ns = ns_from_stamp(header.stamp)
         setting = self._driver.of_image(stamp_ns)
         if setting is not None:
-            self._exposure.offer(Captured(image, stamp_ns, 'driver', 0.0, setting))
+            self._exposure.offer(Captured(image.pixels, stamp_ns, 'driver', 0.0, setting))
             self.diagnostics.values.update(self._exposure.values())
             self.diagnostics.values.update({'exposure_ms': f'{setting.exposure_ms:.4g}',
                                             'gain': f'{setting.gain:.4g}'})

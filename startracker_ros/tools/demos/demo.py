@@ -133,5 +133,5 @@ def _draw(path: Path, bag: Path, recording: 'Recording') -> None:
     if len(frame) < 2:
         raise HarnessError(f'{bag}: no image or no tracks of the last frame with an attitude')
     tracks = tracks_from_message(frame['/tracks'])
-    draw_run(path, recording, image_from_message(frame['/image_raw']), tracks.uv, tracks.hip,
-             'star tracker demo, simulated sky')
+    draw_run(path, recording, image_from_message(frame['/image_raw']).pixels, tracks.uv,
+             tracks.hip, 'star tracker demo, simulated sky')

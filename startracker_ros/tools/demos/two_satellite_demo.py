@@ -202,7 +202,7 @@ def _last_frame(bag: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
             targets[stamp_ns] = centroids_from_message(message).uv[0]
             newest_ns = record.log_time_ns
     last_ns = max(targets.keys() & tracks.keys())
-    image = next((image_from_message(message) for _, stamp_ns, message in read_stamped(
+    image = next((image_from_message(message).pixels for _, stamp_ns, message in read_stamped(
         bag, (f'/{name}/image_raw',), newest_ns - 5 * 10 ** 9) if stamp_ns == last_ns), None)
     if image is None:
         raise HarnessError(f'{bag}: no image of the last target of {name}')

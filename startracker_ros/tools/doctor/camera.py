@@ -11,7 +11,8 @@ import sys
 import time
 
 import numpy as np
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.epoch import (
+    catalogue_epoch, epoch_year_from_stamp, why_no_date)
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros.processes import node_environment
@@ -24,8 +25,6 @@ _FOV_DEG = (5.0, 60.0)
 _AXES_RATIO = 0.02
 _CENTRE_SHARE = 0.1
 _SATURATED_SHARE = 0.01
-_YEARS = (2000.0, 2100.0)
-_ENCODINGS = ('mono8', 'mono16', '8UC1', '16UC1')
 
 
 def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
@@ -105,9 +104,9 @@ def check_images(heard: Mapping, info: Mapping, camera: Camera | None) -> Iterat
         yield Check('image_raw', f'nothing heard of {heard["publishers"]} publishers', False,
                     'start the driver; topic names are relative to the namespace')
         return
-    good = heard['encoding'] in _ENCODINGS and not heard['error']
+    good = not heard['error']
     yield Check('image_raw: encoding', heard['error'] or heard['encoding'], good,
-                '' if good else 'let the driver send mono8 or mono16, raw, without colour')
+                '' if good else 'let the driver send mono16 or mono8, or a Bayer mosaic as it is')
     if camera is not None:
         size = heard['width'], heard['height']
         agrees = size == (camera.width, camera.height)
@@ -140,8 +139,7 @@ def _check_stamps(stamps_ns: list[int]) -> Iterator[Check]:
                     f'{steps_ns.max() * 1e-6:.0f} ms' if holds else 'stamps do not increase',
                     holds, '' if holds else 'the driver must stamp each exposure; frames out of '
                     'order are dropped')
-    year = epoch_year_from_stamp(stamps_ns[-1])
-    holds = _YEARS[0] < year < _YEARS[1]
-    yield Check('image_raw: stamp', f'J{year:.2f}, {time.time() - stamps_ns[-1] * 1e-9:.1f} s ago',
-                holds, '' if holds else 'stamps must be UTC since the UNIX epoch, of the middle '
-                'of the exposure: proper motion is taken from them')
+    stamp_ns, now_ns = stamps_ns[-1], time.time_ns()
+    no_date = why_no_date(stamp_ns, catalogue_epoch(stamp_ns, now_ns).other_clock)
+    yield Check('image_raw: stamp', f'J{epoch_year_from_stamp(stamp_ns):.2f}, '
+                f'{(now_ns - stamp_ns) * 1e-9:.1f} s ago', not no_date, no_date)

@@ -46,7 +46,7 @@ class CameraListener(Probe):
                        width=message.width, height=message.height, encoding=message.encoding,
                        error='')
         try:
-            image = image_from_message(message)
+            image = image_from_message(message).pixels
         except MessageError as error:
             figures['error'] = str(error)
             return

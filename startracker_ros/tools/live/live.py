@@ -24,7 +24,7 @@ from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from startracker_ros.core.astro.bodies import bodies_at
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.epoch import catalogue_epoch
 from startracker_ros.core.attitude.pointing import pointing_sigma
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.constellations import constellation_at
@@ -230,8 +230,8 @@ class LiveRig(Rig):
             uv = centroids_from_message(spots[stamp_ns]).uv
             hip = np.zeros(len(uv), int)
         bodies = () if sky is None else Bodies(bodies_at(stamp_ns)).in_image(sky)
-        return annotated(image_from_message(by_stamp[stamp_ns]), uv, hip, sky,
-                         epoch_year_from_stamp(stamp_ns), bodies, share)
+        return annotated(image_from_message(by_stamp[stamp_ns]).in_full(), uv, hip, sky,
+                         catalogue_epoch(stamp_ns).year, bodies, share)
 
 
 def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None = None,
@@ -348,7 +348,7 @@ def first_lens(device: Device, fov_deg: float | None,
         if solver is None:
             height, width = image.shape
             camera = None if fov_deg is None else Camera.from_fov(width, height, fov_deg)
-            solver = PhotographSolver(epoch_year_from_stamp(captured.stamp_ns), _OPTIONS)
+            solver = PhotographSolver(catalogue_epoch(captured.stamp_ns).year, _OPTIONS)
         solution = solver.solve(image, camera)
         found = solution.identification
         solved = solution.sky is not None and found.matched >= _LEAST_MATCHED

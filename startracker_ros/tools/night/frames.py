@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.astro.aberration import apparent_directions, Vantage, vantage_near_earth
-from startracker_ros.core.astro.earth import FIRST_YEAR, in_range, LAST_YEAR
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp, why_no_date
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.model import Camera
@@ -75,10 +74,9 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
     first = [*islice(images, 2)]
     if len(first) < 2:
         raise NightError(f'{len(first)} images are no night')
+    if no_date := why_no_date(first[0].stamp_ns):
+        raise NightError(no_date)
     year = epoch_year_from_stamp(first[0].stamp_ns)
-    if not in_range(year):
-        raise NightError(f'J{year:.2f}: the motion of the Earth is known from {FIRST_YEAR:.0f} to '
-                         f'{LAST_YEAR:.0f} only')
     tracker = StarTracker(
         camera, year, **_bridging((first[1].stamp_ns - first[0].stamp_ns) * 1e-9))
     identifier = make_identifier(camera, year)

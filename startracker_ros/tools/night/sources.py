@@ -95,19 +95,25 @@ def _of_bag(bag: Path, namespace: str | None) -> Iterator[TimedImage]:
     for message in read_messages(bag, topics=(topic,), tolerant=True):
         decoded = message.decoded()
         try:
-            yield TimedImage(ns_from_stamp(decoded.header.stamp), image_from_message(decoded))
+            yield TimedImage(ns_from_stamp(decoded.header.stamp),
+                             image_from_message(decoded).pixels)
         except MessageError as error:
             raise ImageError(f'{bag}: {topic}: {error}') from error
 
 
 def camera_of_bag(bag: Path, namespace: str | None) -> Camera:
-    """Return the camera of the first camera_info; BagError without one."""
-    topic = full_name(_namespace(bag, namespace), _CAMERA_INFO)
-    for message in read_messages(bag, topics=(topic,), tolerant=True):
-        try:
-            return camera_from_message(message.decoded())
-        except (CameraError, MessageError) as error:
-            raise BagError(f'{bag}: {topic}: {error}') from error
+    """Return the camera of the images by the first camera_info; BagError without one."""
+    name = _namespace(bag, namespace)
+    topic = full_name(name, _CAMERA_INFO)
+    try:
+        for message in read_messages(bag, topics=(topic,), tolerant=True):
+            camera = camera_from_message(message.decoded())
+            topic = full_name(name, _IMAGE)
+            for image in read_messages(bag, topics=(topic,), tolerant=True):
+                return camera.summed(image_from_message(image.decoded()).cell)
+            return camera
+    except (CameraError, MessageError) as error:
+        raise BagError(f'{bag}: {topic}: {error}') from error
     raise BagError(f'{bag}: no {topic}: --camera is needed')
 
 

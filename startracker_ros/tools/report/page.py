@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp, utc
+from startracker_ros.core.astro.epoch import catalogue_epoch, utc
 from startracker_ros.core.catalog.deep import load_deep_catalog, NUMBER_OFFSET, star_name
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
@@ -192,7 +192,7 @@ def _stars(panels: Panels, centre: np.ndarray, radius_deg: float) -> list[list[f
     hip, frames = np.unique(used, return_counts=True)
     catalog = load_deep_catalog() if hip.max(initial=0) >= NUMBER_OFFSET else load_catalog()
     in_use = dict(zip(hip.tolist(), frames.tolist()))
-    directions = catalog.directions(epoch_year_from_stamp(panels.start_ns))
+    directions = catalog.directions(catalogue_epoch(panels.start_ns).year)
     inside = np.flatnonzero(directions @ centre > np.cos(np.radians(min(radius_deg * 1.1, 180))))
     # Brightest first, as the catalogue is.
     shown = np.union1d(inside[:_BACKGROUND_STARS], np.flatnonzero(np.isin(catalog.hip, hip)))

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS
+from startracker_ros.core.astro.epoch import catalogue_epoch, NOT_STAMPED, RESTART_NS
 from startracker_ros.core.astro.observer_motion import MotionError
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.centroid.centroids import Centroids
@@ -119,8 +119,8 @@ class SegmentRun:
     def _on_odometry(self, message: BagMessage) -> None:
         decoded = _decoded(message)
         state = state_from_odometry(decoded, INERTIAL)
-        self._pipeline_at(ns_from_stamp(decoded.header.stamp)).motion.add_state(
-            ns_from_stamp(decoded.header.stamp), state)
+        stamp_ns = ns_from_stamp(decoded.header.stamp)
+        self._pipeline_at(stamp_ns, message.log_time_ns).motion.add_state(stamp_ns, state)
 
     def _on_truth(self, message: BagMessage) -> None:
         header, quaternion = cdr.read_quaternion(message.data)
@@ -132,12 +132,15 @@ class SegmentRun:
         if message.type_name == IMAGE:
             decoded = _decoded(message)
             content: Any = image_from_message(decoded)
+            content.check_size(self._camera)
             stamp_ns, self._frame_id = ns_from_stamp(decoded.header.stamp), decoded.header.frame_id
         else:
             cloud = cdr.read_point_cloud(message.data)
             rows = read_cloud(cloud, CENTROID_DTYPE)
             content = centroids_from_rows(rows), bool(len(rows)) and bool(rows['directed'][0])
             stamp_ns, self._frame_id = cloud.header
+        if not stamp_ns:
+            raise MessageError(NOT_STAMPED)
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
             if self._newest_ns - stamp_ns <= RESTART_NS:
                 raise MessageError('a frame is not newer than the one before')
@@ -146,10 +149,10 @@ class SegmentRun:
             self.tally.problems[f'{message.topic}: time went back by more than '
                                 f'{RESTART_NS * 1e-9:g} s, state forgotten'] += 1
         self._newest_ns = stamp_ns
-        pipeline = self._pipeline_at(stamp_ns)
+        pipeline = self._pipeline_at(stamp_ns, message.log_time_ns)
         if message.type_name == IMAGE:
             extraction = pipeline.extraction.extract(
-                stamp_ns, content, pipeline.tracker.predicted)
+                stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell)
             content = extraction.centroids, pipeline.extraction.windowed
         frame = pipeline.process_centroids(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
@@ -173,6 +176,9 @@ class SegmentRun:
                 pipeline: StarTracker) -> None:
         """Count a frame and add its results to the bag."""
         self.tally.frames += 1
+        no_date = pipeline.motion.why_no_date(stamp_ns)
+        if no_date and pipeline.motion.at(stamp_ns).trouble:
+            self.tally.problems[f'aberration not corrected: {no_date}'] += 1
         self.tally.attitudes += frame.attitude is not None
         if frame.identification is not None and frame.identification.status == 'time_limit':
             self.tally.problems['an identification reached time_limit_s: that frame may differ '
@@ -198,11 +204,12 @@ class SegmentRun:
             return NO_STARS, None
         return FittedStars(hip[fit.star], uv[fit.star], tracks.snr[used][fit.star]), fit
 
-    def _pipeline_at(self, stamp_ns: int) -> StarTracker:
+    def _pipeline_at(self, stamp_ns: int, received_ns: int) -> StarTracker:
         """Return the pipeline, a new one after another camera came or time went back."""
         if self._pipeline is None:
-            year = round(epoch_year_from_stamp(stamp_ns) * _EPOCH_STEPS) / _EPOCH_STEPS
-            self._pipeline = StarTracker.with_options(self._camera, year, self._options)
+            epoch = catalogue_epoch(stamp_ns, received_ns)
+            self._pipeline = StarTracker.with_options(self._camera, epoch._replace(
+                year=round(epoch.year * _EPOCH_STEPS) / _EPOCH_STEPS), self._options)
         return self._pipeline
 
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from startracker_ros.core.astro.earth import earth_velocity_m_s
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_epoch_year
+from startracker_ros.core.astro.epoch import (
+    catalogue_epoch, CatalogueEpoch, epoch_year_from_stamp, stamp_from_epoch_year, why_no_date)
 from startracker_ros.core.astro.observer_motion import (
     AberrationOptions, EARTH_SIGMA_M_S, KNOWN_SIGMA_M_S, MotionError, ObserverMotion,
     ORBIT_SIGMA_M_S)
@@ -77,11 +78,52 @@ def test_impossible_odometry_is_rejected(wrong, reason):
     assert motion.at(STAMP_NS).used == 'full'
 
 
-@pytest.mark.parametrize('year', [1899.0, 2101.0])
-def test_an_epoch_outside_of_the_series_is_named(year):
-    observer = ObserverMotion().at(stamp_from_epoch_year(year))
-    assert observer.vantage is None and observer.velocity_sigma_m_s == EARTH_SIGMA_M_S
-    assert 'is outside 1900-2100' in observer.condition and observer.trouble
+NOW_S = 1_790_000_000
+
+
+@pytest.mark.parametrize('stamp_s, words', [
+    (0, 'stamp 0: the driver does not stamp'),
+    (100, 'stamps of 1970: the driver stamps since boot'), (9e7, 'since boot'),
+    (NOW_S - 946_728_000 - 64, 'seconds since 2000'), (NOW_S - 315_964_800 + 18, 'GPS time'),
+    (NOW_S + 378_691_200 + 37, 'TAI of seconds since 1958'),
+    (946_684_799, 'stamps of 1999 are no UTC'), (-1e6, 'stamps of 1969 are no UTC'),
+    (4.15e9, 'stamps of 2101 are no UTC')])
+def test_the_date_of_another_clock_is_unknown(stamp_s, words):
+    """Of GPS time and TAI it is recognised by the time at which the message comes."""
+    stamp_ns = round(stamp_s * 1e9)
+    epoch = catalogue_epoch(stamp_ns, NOW_S * 10 ** 9 + 5 * 10 ** 7)
+    assert words in why_no_date(stamp_ns, epoch.other_clock)
+    assert abs(epoch.year - 2026.7) < epoch.sigma_years and epoch.sigma_years > 10
+    assert 'the date is unknown' in str(epoch)
+    motion = ObserverMotion(epoch=epoch)
+    motion.add_state(stamp_ns, state())
+    observer = motion.at(stamp_ns)
+    assert observer.vantage is None and observer.bodies is None and observer.trouble
+    assert observer.velocity_sigma_m_s == EARTH_SIGMA_M_S
+    assert observer.epoch_sigma_years == epoch.sigma_years
+    # One text for a whole run, of which a log has one line.
+    assert motion.at(stamp_ns + 30 * 10 ** 9).condition == (
+        f'none ({why_no_date(stamp_ns or 1, epoch.other_clock)})')
+    # A sky without aberration has no date that matters but for the places of stars.
+    still = ObserverMotion(AberrationOptions(aberration='none'), epoch).at(stamp_ns)
+    assert (still.velocity_sigma_m_s, still.trouble) == (0.0, False)
+    assert still.epoch_sigma_years == epoch.sigma_years
+
+
+def test_a_stamp_of_any_date_is_one_whenever_it_comes():
+    """A recording is played years later, a simulation is of a later year."""
+    for year in (2000.1, 2015.0, 2026.5, 2040.0, 2099.9):
+        stamp_ns = stamp_from_epoch_year(year)
+        epoch = catalogue_epoch(stamp_ns, NOW_S * 10 ** 9)
+        assert epoch == (pytest.approx(year), 0.0, '') and str(epoch) == f'epoch J{year:.2f}'
+        assert ObserverMotion(epoch=epoch).at(stamp_ns).used == 'earth_only'
+
+
+def test_stamps_of_another_year_than_that_of_the_stars_are_named():
+    motion = ObserverMotion(epoch=CatalogueEpoch(2026.7))
+    observer = motion.at((NOW_S - 315_964_782) * 10 ** 9)
+    assert observer.reason.startswith('stamps of 2016, but the stars are of epoch J2026.7')
+    assert observer.velocity_sigma_m_s == EARTH_SIGMA_M_S and observer.trouble
 
 
 def test_the_mode_is_that_of_the_parameter():

@@ -38,15 +38,16 @@ class Heads:
             {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options,
             gyro_options)
         self.time_s = 0.0
+        self.start_ns, self.covariance = START_NS, COVARIANCE
 
     def truth(self, time_s):
         return turned(Q0, RATE * time_s)
 
     def frame(self, head, time_s, error=np.zeros(3), stamp_s=None):
         q = turned(turned(self.truth(time_s), np.asarray(error, float)), np.zeros(3))
-        stamp_ns = START_NS + round((time_s if stamp_s is None else stamp_s) * 1e9)
+        stamp_ns = self.start_ns + round((time_s if stamp_s is None else stamp_s) * 1e9)
         return self.fusion.add_frame(self.names[head], HeadFrame(
-            stamp_ns, multiply(q, self.mounts[head]), COVARIANCE))
+            stamp_ns, multiply(q, self.mounts[head]), self.covariance))
 
     def run(self, frames, heads=None, errors=None):
         """Feed so many frames of each head; return the last attitude of each of its frames."""
@@ -62,7 +63,7 @@ class Heads:
         return self.fusion.heads[self.names[head]].state
 
     def error_arcsec(self, result):
-        time_s = (result.stamp_ns - START_NS) * 1e-9
+        time_s = (result.stamp_ns - self.start_ns) * 1e-9
         return np.linalg.norm(attitude_error(result.quaternion, self.truth(time_s))) / ARCSEC
 
 
@@ -73,6 +74,19 @@ def test_heads_that_agree_give_the_attitude_of_the_body():
     assert heads.error_arcsec(results[-1]) < 0.01
     np.testing.assert_allclose(results[-1].rate_rad_s, RATE, atol=0.1 * ARCSEC)
     assert results[-1].quaternion @ results[-2].quaternion > 0
+
+
+@pytest.mark.parametrize('covariance, least, most', [
+    (COVARIANCE + np.diag([12.3, 12.3, 1.0]) ** 2 * ARCSEC ** 2, 12, 14), (COVARIANCE, 1, 2)])
+def test_the_velocity_of_an_unknown_date_does_not_average_out(covariance, least, most):
+    """All heads have its error in common, in all frames; without aberration it is small."""
+    heads = Heads()
+    heads.start_ns, heads.covariance = 100 * 10 ** 9, covariance
+    error = np.array([20.5, 0.0, 0.0]) * ARCSEC * (most > 10)
+    result = heads.run(60, errors=dict.fromkeys(range(3), error))[-1]
+    sigma_arcsec = np.sqrt(np.diag(result.covariance)) / ARCSEC
+    assert heads.error_arcsec(result) < 2 * sigma_arcsec[0]
+    assert least < sigma_arcsec.min() and sigma_arcsec.max() < most
 
 
 def test_frames_in_any_order_give_the_same_state():

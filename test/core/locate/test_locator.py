@@ -87,6 +87,18 @@ def error_m(located):
     return located.location.position_m - target_at((located.stamp_ns - START_NS) * 1e-9)
 
 
+def test_the_velocity_of_an_unknown_date_is_in_the_covariance():
+    """Of stars without their aberration, at stamps since boot."""
+    one, _ = locator(aberration='stars_and_target').observers
+    add_frame(one, ORBITS[0], 0.0, aberration='stars_and_target', clock_s=100 - START_NS * 1e-9)
+    line = one.lines.at(one.lines.newest_ns).line
+    true = target_at(0.0) - ORBITS[0].at(0.0)[0]
+    error = line.direction - true / np.linalg.norm(true)
+    sigma_arcsec = np.sqrt(np.linalg.eigvalsh(line.covariance[3:, 3:])[1:]) / ARCSEC
+    assert sigma_arcsec.min() > 12 and sigma_arcsec.max() < 14
+    assert np.linalg.norm(error) / ARCSEC < 3 * sigma_arcsec.min()
+
+
 @pytest.mark.parametrize('later_s', [0.0, 0.2])
 @pytest.mark.parametrize('aberration', ['target', 'stars_and_target', 'none'])
 def test_position_at_the_stamp_without_noise(later_s, aberration):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from skies import CAMERA, onboard_stars
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
-from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.astro.epoch import catalogue_epoch, stamp_from_epoch_year
 from startracker_ros.core.astro.ground_site import Site
-from startracker_ros.core.astro.observer_motion import AT_REST, observer_at
+from startracker_ros.core.astro.observer_motion import AberrationOptions, AT_REST, observer_at
 from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.catalog.apparent import ApparentCatalog
@@ -21,6 +21,7 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, radec_from_unit, random_attitude)
+from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
@@ -46,13 +47,14 @@ def pipelines():
             **{mode: pipeline_of(mode) for mode in ('full', 'earth_only', 'none')}}
 
 
-def run(pipeline, q, state, sigma_px=0.01, frames=4, odometry=True, seed=1):
+def run(pipeline, q, state, sigma_px=0.01, frames=4, odometry=True, seed=1, start_ns=START_NS,
+        sky=None):
     """Return the last frame of a camera at rest, and the identified one."""
-    rng, sky = np.random.default_rng(seed), sky_of(state.velocity_m_s)
+    rng, sky = np.random.default_rng(seed), sky or sky_of(state.velocity_m_s)
     pipeline.reset()
     identified = None
     for index in range(frames):
-        stamp_ns = START_NS + index * STEP_NS
+        stamp_ns = start_ns + index * STEP_NS
         if odometry:
             pipeline.motion.add_state(stamp_ns, state)
         frame = pipeline.process_centroids(stamp_ns, star_list(sky, CAMERA, q, sigma_px, rng)[0])
@@ -95,6 +97,46 @@ def test_without_odometry_the_covariance_contains_the_orbit(pipelines):
         # The two of a frame have their error in common.
         low, high = mean_chi_square_bounds(3, len(normalised) // 2)
         assert low / 3 < np.mean(normalised) < high, (low / 3, np.mean(normalised), high)
+
+
+def within(found, q):
+    """Return whether an attitude is within 5 sigma, and its errors (3,) over sigma."""
+    ratio = attitude_error(found.quaternion, q) / np.sqrt(np.diag(found.covariance_sensor))
+    return bool((np.abs(ratio) < 5).all()), ratio
+
+
+@pytest.mark.parametrize('start_ns', [0, 100 * 10 ** 9, START_NS - 315_964_782 * 10 ** 9])
+def test_stamps_without_a_date_have_a_covariance_that_holds(start_ns):
+    """Since boot, and GPS time that a catalogue of today contradicts."""
+    pipeline, ratios = pipeline_of('full'), []
+    for seed, (q, state) in enumerate(states(25, seed=4)):
+        frame, identified = run(pipeline, q, state, seed=seed, start_ns=start_ns)
+        error = np.abs(attitude_error(frame.attitude.quaternion, q))
+        assert (error < frame.attitude.protection_rad).all(), (error, frame.attitude)
+        for found in (frame.attitude, frame.tracked.attitude, identified.attitude):
+            holds, ratio = within(found, q)
+            assert holds, ratio
+        ratios.append(within(frame.attitude, q)[1])
+        assert frame.aberration.startswith('none (stamps of ')
+    # The velocity of the Earth is 1.7 sigma of an axis: no larger than it has to be.
+    assert 0.3 < np.mean(np.square(ratios)[:, :2]) < 1.5
+
+
+def test_stars_of_an_unknown_date_have_moved_by_less_than_the_covariance_says():
+    """A sky without aberration of 2050, catalogue of an unknown date."""
+    pipeline = StarTracker.with_options(CAMERA, catalogue_epoch(1), StarTrackerOptions(
+        aberration=AberrationOptions(aberration='none')))
+    moved, worst = onboard_stars(CAMERA, 2050.0, 6.5), 0.0
+    for seed, (q, state) in enumerate(states(12, seed=5)):
+        frame, identified = run(
+            pipeline, q, state, sigma_px=1e-3, odometry=False, seed=seed, start_ns=1, sky=moved)
+        for found in (frame.attitude, identified.attitude):
+            holds, ratio = within(found, q)
+            assert holds, ratio
+        error = np.abs(attitude_error(frame.attitude.quaternion, q))
+        assert (error < frame.attitude.protection_rad).all()
+        worst = max(worst, error.max() / ARCSEC)
+    assert worst > 1
 
 
 def test_none_is_off_by_all_of_the_aberration(pipelines):

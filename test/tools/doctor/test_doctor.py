@@ -9,9 +9,11 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+import time
 
 from limits import HANGS_S
 import pytest
+from shifted_bags import GPS_NS
 from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.images.camera_files import save_camera
@@ -170,7 +172,7 @@ def heard_images(**changes):
 @pytest.mark.parametrize('changes, trouble', [
     ({}, ''),
     ({'count': 0}, ''),
-    ({'encoding': 'rgb8', 'error': "image encoding 'rgb8' is not mono8 or mono16"}, ': encoding'),
+    ({'encoding': '32FC1', 'error': "image encoding '32FC1' is none of mono8"}, ': encoding'),
     ({'width': 512}, ': size'),
     ({'frame_id': 'camera'}, ': frame_id'),
     ({'best_effort': True}, ': reliability'),
@@ -178,6 +180,7 @@ def heard_images(**changes):
     ({'brightest_share': 0.1}, ': light'),
     ({'stamps_ns': [J2026_NS] * 3}, ': rate'),
     ({'stamps_ns': [10 ** 9, 2 * 10 ** 9]}, ': stamp'),
+    ({'stamps_ns': [time.time_ns() - GPS_NS + step for step in (0, 10 ** 8)]}, ': stamp'),
 ])
 def test_images(changes, trouble):
     wrong = [check for check in camera.check_images(

@@ -220,10 +220,13 @@ def test_the_command_says_what_is_missing(folder, tmp_path):
 
 
 def test_the_command_takes_a_bag(folder, tmp_path):
+    """Of a Bayer camera: camera_info is that of the sensor, whose cells have four equal pixels."""
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = store.types
     image_type, info_type = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
-    k = np.array([CAMERA.fx, 0, CAMERA.cx, 0, CAMERA.fy, CAMERA.cy, 0, 0, 1])
+    k = np.array([2 * CAMERA.fx, 0, 2 * CAMERA.cx + 0.5, 0, 2 * CAMERA.fy, 2 * CAMERA.cy + 0.5,
+                  0, 0, 1])
+    height, width = 2 * CAMERA.height, 2 * CAMERA.width
     roi = kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
     bag = tmp_path / 'bag'
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -233,10 +236,10 @@ def test_the_command_takes_a_bag(folder, tmp_path):
             header = kinds['std_msgs/msg/Header'](kinds['builtin_interfaces/msg/Time'](
                 *divmod(stamp_ns, 10 ** 9)), 'star_tracker_optical_frame')
             for message in (
-                    kinds[info_type](header, CAMERA.height, CAMERA.width, 'plumb_bob',
-                                     np.zeros(5), k, np.eye(3).ravel(), np.zeros(12), 0, 0, roi),
-                    kinds[image_type](header, CAMERA.height, CAMERA.width, 'mono16', 0,
-                                      2 * CAMERA.width, pixels.view(np.uint8).ravel())):
+                    kinds[info_type](header, height, width, 'plumb_bob', np.zeros(5), k,
+                                     np.eye(3).ravel(), np.zeros(12), 0, 0, roi),
+                    kinds[image_type](header, height, width, 'bayer_rggb16', 0, 2 * width,
+                                      pixels.repeat(2, 0).repeat(2, 1).view(np.uint8).ravel())):
                 kind = message.__msgtype__
                 writer.write(topics[kind], stamp_ns, store.serialize_cdr(message, kind))
     done, document = command(bag)

@@ -16,8 +16,9 @@ from commands import invoke
 import numpy as np
 from pictures import assert_legible
 import pytest
+from shifted_bags import GPS_NS, mosaic, write_shifted
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.reader import decode, read_messages, read_topics
@@ -60,6 +61,53 @@ def test_attitudes_are_right_and_smoothed_better(finished_run):
     low, high = mean_chi_square_bounds(3, row['frames'] // 5)
     for name in 'nees', 'smoothed_nees':
         assert low / 2 < row[name] < high, (low / 2, row[name], high)
+
+
+@pytest.mark.parametrize('clock, shift_ns', [('boot', None), ('GPS time', GPS_NS)])
+def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
+        reprocess, tmp_path, clock, shift_ns):
+    """Those of GPS time are recognised by the time of recording."""
+    recorded = Path(__file__).parents[3] / 'bags' / 'slew'
+    truth = {header.stamp_ns: q for header, q in (
+        cdr.read_quaternion(message.data)
+        for message in read_messages(recorded, topics=('/truth/attitude',)))}
+    shift_ns = shift_ns or min(truth) - 10 ** 11
+    bag = write_shifted(recorded, tmp_path / 'bag', shift_ns)
+    result = reprocess([bag], tmp_path / 'run')
+    row, = result.records
+    assert row['with_attitude_percent'] > 60
+    named, = (row for row in errors(tmp_path / 'run') if clock in row['reason'])
+    assert named['count'] == row['frames']
+    metadata, = (tmp_path / 'run' / 'bags').rglob('metadata.yaml')
+    attitudes = load_recording(metadata.parent)
+    bounds = attitudes.protection_rad
+    assert len(bounds) == len(attitudes.attitude_ns) > 30
+    sigma = np.sqrt(np.diagonal(attitudes.covariance_sensor, axis1=1, axis2=2))
+    error = np.abs(attitude_error(attitudes.quaternion, np.array(
+        [truth[stamp_ns + shift_ns] for stamp_ns in attitudes.attitude_ns])))
+    assert (error < 5 * sigma).all() and (error < bounds).all()
+    assert np.median(bounds[:, :2]) < 100 * ARCSEC
+
+
+def test_a_bayer_mosaic_has_the_attitudes_of_its_cells(reprocess, tmp_path):
+    """camera_info is that of the sensor, with four equal pixels for each one of the recording."""
+    recorded, found = Path(__file__).parents[3] / 'bags' / 'slew', {}
+    for name, change in (('plain', None), ('mosaic', mosaic)):
+        bag = write_shifted(recorded, tmp_path / name, 0, change)
+        result = reprocess([bag], tmp_path / f'run_{name}')
+        assert not errors(tmp_path / f'run_{name}') and result.records[0]['frames'] == 60
+        metadata, = (tmp_path / f'run_{name}' / 'bags').rglob('metadata.yaml')
+        found[name] = load_recording(metadata.parent)
+    plain, cells = found['plain'], found['mosaic']
+    common, one, other = np.intersect1d(
+        plain.attitude_ns, cells.attitude_ns, return_indices=True)
+    assert len(common) > 0.95 * len(plain.attitude_ns) > 30
+    apart = attitude_error(cells.quaternion[other], plain.quaternion[one])
+    # A pixel of the recording is 169 arcsec wide; limits in pixels are those of the sensor.
+    assert np.median(np.abs(apart[:, :2])) < 0.5 * ARCSEC, np.median(np.abs(apart), axis=0)
+    variance, other_variance = (np.diagonal(covariance, axis1=1, axis2=2) for covariance in (
+        plain.covariance_sensor[one], cells.covariance_sensor[other]))
+    assert 0.8 < np.median(other_variance / variance) < 1.25
 
 
 def test_bags_are_those_of_the_nodes(finished_run):
