@@ -97,13 +97,19 @@ def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str]
         bag = TolerantBag(Path(options.path), on_damage)
     except BagError as error:
         raise StartError(str(error)) from error
-    chosen = playable_topics(bag.topics.values(), options, own_clock=own_clock, warn=warn)
+    chosen, reasons = playable_topics(bag.topics.values(), options, own_clock=own_clock)
+    for reason in reasons:
+        warn(reason)
     if _images_without_camera(chosen):
         warn(f'{options.path}: images without camera_info: the stages wait for one; publish the '
              'calibration of the camera on camera_info (startracker calibrate finds it)')
     if bag.span_ns is None or not chosen:
+        why = '; '.join(reasons) or (
+            'they have no messages' if chosen else
+            f'topics = {list(options.topics)} without exclude = {list(options.exclude)} fits none')
         raise StartError(f'{options.path}: nothing to play among '
-                         f'{", ".join(sorted(bag.topics)) or "no topics"}')
+                         + (f'{", ".join(sorted(bag.topics))}: {why}' if bag.topics
+                            else 'no topics'))
     return bag, bag.span_ns, chosen
 
 
@@ -123,18 +129,18 @@ def held_by_latched(bag: TolerantBag, topics: Iterable[BagTopic], wanted: bool, 
     return held_before(bag.messages(tuple(held), 0), held, start_ns)
 
 
-def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool,
-                    warn: Callable[[str], object]) -> list[BagTopic]:
-    """Return the selected topics that can be published; warn of each that cannot."""
-    playable = []
+def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool
+                    ) -> tuple[list[BagTopic], list[str]]:
+    """Return the selected topics that can be published, and of each that cannot why."""
+    playable, reasons = [], []
     for topic in topics:
         if selected(topic.name, options.topics, options.exclude):
             reason = _why_not_playable(topic, own_clock)
             if reason:
-                warn(f'{topic.name} is not played: {reason}')
+                reasons.append(f'{topic.name} is not played: {reason}')
             else:
                 playable.append(topic)
-    return playable
+    return playable, reasons
 
 
 def _why_not_playable(topic: BagTopic, own_clock: bool) -> str:

@@ -236,6 +236,19 @@ def test_what_is_no_bag_is_refused(tmp_path, content, words, status):
     assert 'Traceback' not in done.stderr
 
 
+def test_patterns_that_choose_nothing_and_topics_that_cannot_be_played_are_named(tmp_path):
+    write_bag(tmp_path / 'bag')
+    for pattern, words in (
+            ('state?', r"/state: topics = \['state\?'\] without exclude = \[.*\] fits none"),
+            ('odd', '/state: /odd is not played: no_msgs/msg/Such is not installed')):
+        done = play(tmp_path / 'bag', '--topic', pattern)
+        assert done.returncode == 2
+        assert re.search(f'nothing to play among /fast, /odd, {words}', done.stderr), done.stderr
+    done = play(tmp_path / 'bag', '--start-offset-s', '9')
+    assert done.returncode == 1
+    assert 'nothing was played: no message from 9 s on; the bag ends at 0.78' in done.stderr
+
+
 def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     bag = Path(__file__).parents[2] / 'bags' / 'slew'
     truth = dict(attitudes_of(bag, '/truth/attitude'))

@@ -89,6 +89,7 @@ class Playback:
         self._tick = tick
         self._finished = finished
         self._held = held
+        self._span_ns = span_ns
         self._begin_ns = span_ns[0] + round(options.start_offset_s * 1e9)
         self._end_ns = (self._begin_ns + round(options.duration_s * 1e9)
                         if options.duration_s else span_ns[1])
@@ -164,6 +165,16 @@ class Playback:
         with self._changed:
             errors = 1e3 * np.array(self.errors_s)
         return tuple(np.percentile(errors, (50, 95, 100))) if len(errors) else (0.0, 0.0, 0.0)
+
+    @property
+    def why_nothing(self) -> str:
+        """Why a playback that has ended published nothing, empty where it did or was stopped."""
+        if self.published or self._stopped:
+            return ''
+        options, (begin_ns, end_ns) = self._options, self._span_ns
+        limit = f' for {options.duration_s:g} s' if options.duration_s else ''
+        return (f'nothing was played: no message from {options.start_offset_s:g} s on{limit}; the '
+                f'bag ends at {(end_ns - begin_ns) * 1e-9:g} s')
 
     def _run(self) -> None:
         failure = None

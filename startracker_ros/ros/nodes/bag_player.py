@@ -23,7 +23,8 @@ class BagPlayerNode(PipelineNode):
     """
     Publishes serialized messages at the pace of the recording, then ends.
 
-    The status of the process is 1 where the bag could not be read to its end.
+    The status of the process is 1 where the bag could not be read to its end, or nothing of it
+    was played.
     """
 
     option_classes = (PlayOptions, PlaybackOptions)
@@ -111,12 +112,13 @@ class BagPlayerNode(PipelineNode):
 
     def _on_end(self, failure: Exception | None) -> None:
         """End the node with the bag; runs in the thread of the playback."""
-        if failure is not None:
-            self.get_logger().error(str(failure))
+        problem = str(failure or self._playback and self._playback.why_nothing or '')
+        if problem:
+            self.get_logger().error(problem)
         if not self.configured:
             return
         wait_for_subscribers(self._players.values())
-        self.shutdown.request(int(failure is not None))
+        self.shutdown.request(int(bool(problem)))
 
 
 main = main_of(BagPlayerNode)
