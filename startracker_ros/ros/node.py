@@ -83,7 +83,7 @@ class PipelineNode(ManagedNode):
         super().__init__(name)
         self._prepared = False
         self._options = parameters.declare(self, self.option_classes)
-        self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
+        self.hardware_id = hardware_id_of(self.get_namespace())
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
         self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
         self._take_first: list[Callable[[], None]] = []
@@ -297,6 +297,11 @@ class PipelineNode(ManagedNode):
         """Rebuild a configured node; configure() builds another."""
         if self.configured:
             self.rebuild()
+
+
+def hardware_id_of(namespace: str) -> str:
+    """Return the hardware id of the diagnostics of the nodes in a namespace."""
+    return namespace.strip('/') or 'star_tracker'
 
 
 def publish_if_subscribed(publisher: Any, message: Callable[[], Any]) -> None:

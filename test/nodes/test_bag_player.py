@@ -82,17 +82,19 @@ def ask(probe, name):
     return probe.call(Trigger, f'/bag_player/{name}', Trigger.Request())
 
 
-@pytest.mark.parametrize('version, mode', [
-    (9, CompressionMode.STORAGE), (8, CompressionMode.MESSAGE)],
+@pytest.mark.parametrize('version, mode, override, reliability', [
+    (9, CompressionMode.STORAGE, {}, ReliabilityPolicy.RELIABLE),
+    (8, CompressionMode.MESSAGE, {'qos_overrides./fast.publisher.reliability': 'best_effort'},
+     ReliabilityPolicy.BEST_EFFORT)],
     ids=['chunks compressed', 'messages compressed'])
-def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
-        nodes, probe, tmp_path, version, mode):
+def test_a_bag_of_rosbags_is_played_reliably_and_as_durable_as_it_was_recorded(
+        nodes, probe, tmp_path, version, mode, override, reliability):
     write_bag(tmp_path / 'bag', version=version, mode=mode)
     probe.collect(Clock, '/clock', BEST_EFFORT)
     probe.collect(String, '/state', LATCHED)
     probe.collect(String, '/fast', BEST_EFFORT)
     player = nodes.start('bag_player', {'path': str(tmp_path / 'bag'), 'start_paused': True,
-                                        **PATIENT})
+                                        **override, **PATIENT})
     probe.wait(lambda: probe.count_publishers('/fast') and probe.count_publishers('/state'),
                'the player')
     state, = probe.get_publishers_info_by_topic('/state')
@@ -100,7 +102,7 @@ def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
     assert state.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert state.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     assert fast.qos_profile.durability == DurabilityPolicy.VOLATILE
-    assert fast.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert fast.qos_profile.reliability == reliability
     assert not probe.count_publishers('/odd')
     assert ask(probe, 'resume').success
     wait_played(probe, player, '/state', STATES)
