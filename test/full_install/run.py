@@ -32,6 +32,10 @@ RUNS = [
     (('ros2', 'ros2bag', 'rosbag2_storage_mcap'), ['ros2', 'bag', 'info', BAG],
      'tracker_state'),
     (('startracker',), ['startracker', 'info', BAG], 'tracker_state'),
+    # It ends by itself: no process is started again.
+    (('ros2', 'launch_ros'), ['ros2', 'launch', 'startracker_ros', 'pipeline.launch.py',
+                              'log_level:=bogus'],
+     'ended with status 2 and is not started again'),
     (('ros2', 'sros2'), ['ros2', 'security', 'generate_artifacts', '-k', KEYSTORE.name, '-p',
                          *POLICIES], ''),
     *((('ros2', 'sros2'), ['ros2', 'security', 'list_enclaves', KEYSTORE.name],
