@@ -8,8 +8,8 @@ test/nodes/test_launch_parameters.py starts them.
 """
 
 from pathlib import Path
-from types import SimpleNamespace
 import sys
+from types import SimpleNamespace
 
 from launch_stand_in import install, Launched, SHARED, SOURCE
 import pytest

@@ -22,7 +22,7 @@ OK, WARN, ERROR, STALE = range(4)
 def level_of_analyzer(analyzer: dict[str, Any], statuses: dict[str, int]) -> int:
     """Return what GenericAnalyzerBase::report() and GenericAnalyzer::report() make of statuses."""
     expected = analyzer.get('expected', [])
-    items = {name: STALE for name in expected} | {
+    items = dict.fromkeys(expected, STALE) | {
         name: level for name, level in statuses.items()
         if name in expected or name.startswith(tuple(analyzer['startswith']))}
     discards = analyzer.get('discard_stale', False)

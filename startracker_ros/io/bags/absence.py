@@ -12,7 +12,7 @@ _LISTED = 10
 
 
 def why_nothing(topics: Mapping[str, BagTopic], wanted: Mapping[str, str]) -> str:
-    """Return why a bag holds none of the wanted messages, as missing() says it, and what it has."""
+    """Return why a bag holds none of the wanted messages, as missing() does, and what it holds."""
     return f'{missing(topics, wanted)}; {contents(topics)}'
 
 

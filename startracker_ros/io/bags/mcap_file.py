@@ -8,7 +8,7 @@ The readers of the mcap library are not used: they stop at the first damage, loa
 chunks completely and unpack chunks of any size (docs/bags.md, `startracker bench bag`).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import heapq
 from io import BytesIO

@@ -89,7 +89,7 @@ class SqliteFile:
         return dict(self._rows('SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id'))
 
     def log_times(self) -> dict[int, np.ndarray]:
-        """Return the log times (N,) of the messages of each channel; BagError of a damaged file."""
+        """Return the log times (N,) of the messages of each channel; BagError at damage."""
         return by_channel((number, [time_ns]) for number, time_ns in self._rows(
             "SELECT topic_id, timestamp FROM messages WHERE typeof(timestamp) = 'integer' AND "
             'timestamp >= 0'))

@@ -116,7 +116,7 @@ class Recording:
         return full_name(self.namespace, topic)
 
     def why_nothing(self, *topics: str) -> str:
-        """Return why nothing of relative topics was read: they cannot be used, or are not there."""
+        """Return why nothing of relative topics was read: not used, or not there."""
         names = [self.full_name(topic) for topic in topics]
         unused = [problem for problem in self.problems if problem.split(': ')[0] in names]
         return '; '.join(unused) or missing(self.topics, dict.fromkeys(names, ''))

@@ -65,7 +65,8 @@ class Readiness:
     """
     Follows nodes until they are ready; the probe collects their diagnostics.
 
-    A node is ready when its diagnostics have what it needs, and it has answered that it is active to a request sent after connected() was called: by then it has discovered what the probe
+    A node is ready when its diagnostics have what it needs, and it has answered that it is active
+    to a request sent after connected() was called: by then it has discovered what the probe
     had.
     """
 

@@ -126,9 +126,9 @@ def test_indexes_slashes_and_summaries_that_recorders_leave_out(
             for row in result.records] == [('/attitude', TYPE, COUNT, 10.0),
                                            ('/count', 'std_msgs/msg/Header', COUNT, 10.0)]
     for topics in ((), ('/count',), ('/attitude',)):
-        def found(where: Path) -> list[tuple]:
-            return [message[:-1] for message in read_messages(where, topics=topics)]
-        assert found(path) == found(bag)
+        ours, theirs = ([message[:-1] for message in read_messages(where, topics=topics)]
+                        for where in (bag, path))
+        assert theirs == ours
 
 
 def test_the_rate_is_that_of_the_messages_and_not_of_the_span(tmp_path: Path) -> None:
