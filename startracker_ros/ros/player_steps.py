@@ -21,6 +21,7 @@ from startracker_ros.io.bags.playback import Playback, PlayOptions
 from startracker_ros.io.bags.reader import BagMessage, BagTopic, TolerantBag
 from startracker_ros.io.bags.schemas import message_schema
 from startracker_ros.ros.camera_node import CAMERA, camera_text
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import hardware_id_of, PipelineNode
@@ -63,9 +64,9 @@ class AwaitedSubscribers:
     """
     The subscribers that a player waits for, from now until the limit of its options.
 
-    cameras are those of first_cameras() for the topics whose users are awaited: these receive
-    the message while the player waits, as those of sources do, and are there once their
-    diagnostics name this camera.
+    cameras are those of first_cameras(): users of camera_info that are awaited receive it while
+    the player waits, as those of sources do, and are there once their diagnostics name this
+    camera.
     """
 
     def __init__(self, publishers: Mapping[str, Publisher],
@@ -105,7 +106,7 @@ class AwaitedSubscribers:
                        if publisher.get_subscription_count() < self._needed(publisher)]:
             return f'subscribers of {", ".join(missing)}'
         missing = [publisher.topic_name for publisher, (_, camera) in self._cameras.items()
-                   if self._users_of(publisher, camera) < self._options.wait_for_camera_users]
+                   if self._users_of(publisher, camera) < self._needed_users(publisher)]
         if missing and now_s - self._camera_sent_s >= _CAMERA_PERIOD_S:
             self._camera_sent_s = now_s
             for publisher, (data, _) in self._cameras.items():
@@ -116,6 +117,13 @@ class AwaitedSubscribers:
         options = self._options
         return max(options.wait_for_subscribers,
                    options.wait_for_camera_users if publisher.msg_type is CameraInfo else 0)
+
+    def _needed_users(self, publisher: Publisher) -> int:
+        """Return how many users of a camera_info are awaited: the stages that subscribe at least."""
+        subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name) if (
+            self._options.wait_for_subscribers) else ()
+        return max(self._options.wait_for_camera_users,
+                   len({one.node_name for one in subscribers} & set(STAGES)))
 
     def _users_of(self, publisher: Publisher, camera: str) -> int:
         """Return how many nodes in the namespace of a camera_info are set up for its camera."""

@@ -20,7 +20,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
 from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.ros.executables import STAGES
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -254,16 +256,21 @@ def test_patterns_that_choose_nothing_and_topics_that_cannot_be_played_are_named
 def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     bag = Path(__file__).parents[2] / 'bags' / 'slew'
     truth = dict(attitudes_of(bag, '/truth/attitude'))
-    for node in ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator'):
+    for node in STAGES:
         nodes.start(node)
     probe.collect(PoseWithCovarianceStamped, 'attitude_cov', 100)
     probe.wait(lambda: probe.count_publishers('attitude_cov')
                and probe.count_publishers('centroids') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'the pipeline')
-    # The second time round every node knows the camera from the beginning.
-    nodes.start('bag_player', {'path': str(bag), 'loop': True, 'rate': 2.0,
+    ready = []
+    probe.create_subscription(PointCloud2, 'centroids', lambda message: ready or ready.append({
+        status.name.partition(':')[0] for status in probe.statuses()
+        if any(value.key == 'camera' for value in status.values)}), 100)
+    nodes.start('bag_player', {'path': str(bag), 'loop': True, 'rate': 2.0, **PATIENT,
                                'topics': ['/image_raw', '/camera_info', '/imu']})
     probe.wait(lambda: len(probe.received['attitude_cov']) >= 20, 'attitudes')
+    # It plays when the stages are set up for the camera of the bag.
+    assert ready[0] == set(STAGES)
     poses = probe.received['attitude_cov']
     assert {ns_from_stamp(pose.header.stamp) for pose in poses} <= truth.keys()
     for pose in poses:

@@ -57,9 +57,9 @@ class PlayOptions(Options):
         low=0, high=100, read_only=True)
     wait_for_camera_users: int = option(
         0, 'users of camera_info to wait for: every stage of the pipeline is one, once it has '
-        'loaded its code and found the stage before it; they receive the first camera_info, and '
-        'the bag begins when their diagnostics say that they are set up for this camera', low=0,
-        high=100, read_only=True)
+        'loaded its code and found the stage before it; stages that subscribe are awaited in any '
+        'case; they receive the first camera_info, and the bag begins when their diagnostics say '
+        'that they are set up for this camera', low=0, high=100, read_only=True)
     wait_limit_s: float = option(
         3.0, 'time after which the bag is played without subscribers that are missing',
         unit='s', low=0.0, high=3600.0, read_only=True)

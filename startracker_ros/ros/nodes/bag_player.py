@@ -53,8 +53,8 @@ class BagPlayerNode(PipelineNode):
             partial(bag.messages, tuple(self._players)), span_ns, timing,
             publish=self._publish_message, tick=self._publish_clock, finished=self._on_end,
             held=partial(held_by_latched, bag, chosen, timing.latched))
-        self._awaited = AwaitedSubscribers(self._players, first_cameras(
-            bag, chosen if options.wait_for_camera_users else (), playback.time_ns), options, self)
+        self._awaited = AwaitedSubscribers(
+            self._players, first_cameras(bag, chosen, playback.time_ns), options, self)
         self._timer = self.create_steady_timer(0.01, partial(self._start, playback))
 
     def activate(self) -> None:
