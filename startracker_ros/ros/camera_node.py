@@ -40,7 +40,7 @@ _BUILDING = Lock()
 
 def camera_text(camera: Camera) -> str:
     """Return size and field of a camera, as the log and the diagnostics name it."""
-    return (f'{camera.width} x {camera.height} px, {np.degrees(camera.seen_x_rad):.2f} deg wide')
+    return f'{camera.width} x {camera.height} px, {np.degrees(camera.seen_x_rad):.2f} deg wide'
 
 
 def is_building() -> bool:
@@ -317,8 +317,7 @@ class CameraNode(PipelineNode):
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
         newest = self if self._setup is None else self._setup
         if newest.camera is not None and camera != newest.camera:
-            self.diagnostics.report_event(
-                f'another camera: {camera_text(camera)}')
+            self.diagnostics.report_event(f'another camera: {camera_text(camera)}')
             # Frames of the camera before.
             self._end_set_up()
         if camera != newest.camera or abs(epoch_year - newest.epoch_year) > self.EPOCH_TOLERANCE:

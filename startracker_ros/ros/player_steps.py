@@ -78,7 +78,7 @@ class AwaitedSubscribers:
         self._node = node
         self._limit_s = time.monotonic() + options.wait_limit_s
         self._begin_s: float | None = None
-        self._camera_sent_s = -_CAMERA_PERIOD_S
+        self._camera_sent_s: float | None = None
         self._set_up: dict[tuple[str, str], str] = {}
         self._subscription = node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, _DIAGNOSTICS_DEPTH)
@@ -107,11 +107,13 @@ class AwaitedSubscribers:
             return f'subscribers of {", ".join(missing)}'
         missing = [publisher.topic_name for publisher, (_, camera) in self._cameras.items()
                    if self._users_of(publisher, camera) < self._needed_users(publisher)]
-        if missing and now_s - self._camera_sent_s >= _CAMERA_PERIOD_S:
+        if not missing:
+            return ''
+        if self._camera_sent_s is None or now_s - self._camera_sent_s >= _CAMERA_PERIOD_S:
             self._camera_sent_s = now_s
             for publisher, (data, _) in self._cameras.items():
                 publisher.publish(data)
-        return f'users of {", ".join(missing)} that are set up for this camera' if missing else ''
+        return f'users of {", ".join(missing)} that are set up for this camera'
 
     def _needed(self, publisher: Publisher) -> int:
         options = self._options
@@ -132,10 +134,12 @@ class AwaitedSubscribers:
                    if node_id == hardware_id)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        if self._camera_sent_s is None:
+            # What they say before may be of the same camera at another epoch.
+            return
         for status in message.status:
-            for value in status.values:
-                if value.key == CAMERA:
-                    self._set_up[status.hardware_id, status.name] = value.value
+            self._set_up[status.hardware_id, status.name] = next(
+                (value.value for value in status.values if value.key == CAMERA), '')
 
 
 def first_cameras(bag: TolerantBag, topics: Iterable[BagTopic], start_ns: int

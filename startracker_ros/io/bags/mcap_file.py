@@ -152,8 +152,9 @@ class McapFile:
             except (_Damage, ValueError):
                 # Counted below instead.
                 pass
-        return by_channel((message.channel.id, [message.log_time_ns]) for message in (
-            self.messages(report=_ignore) if self.is_sound else self.intact_messages(_ignore)))
+        messages = self.messages if self.is_sound else self.intact_messages
+        return by_channel((message.channel.id, [message.log_time_ns])
+                          for message in messages(report=lambda problem: None))
 
     def _indexed_times(self, offset: int) -> np.ndarray:
         """Return the log times of a message index: channel, bytes, then times and offsets."""
@@ -432,10 +433,6 @@ class McapFile:
             return data
         except _ERRORS as error:
             raise _Damage(block.offset, _text(error)) from error
-
-
-def _ignore(problem: str) -> None:
-    pass
 
 
 def _text(error: Exception) -> str:

@@ -116,8 +116,9 @@ class BagPlayerNode(PipelineNode):
 
     def _on_end(self, failure: Exception | None) -> None:
         """End the node with the bag; runs in the thread of the playback."""
-        problem = (repr(failure) if failure is not None and not str(failure) else
-                   str(failure or self._playback and self._playback.why_nothing or ''))
+        problem = '' if failure is None else str(failure) or repr(failure)
+        if self._playback is not None:
+            problem = problem or self._playback.why_nothing
         if problem:
             self.get_logger().error(problem)
         if not self.configured:
