@@ -23,9 +23,12 @@ SOURCE = Path(__file__).parents[1]
 SHARED = {'namespace', 'config', 'params_file', 'log_level', 'use_sim_time', 'composed', 'manager'}
 CLASSES = {
     'launch': ['LaunchDescription'],
-    'launch.actions': ['DeclareLaunchArgument', 'GroupAction', 'IncludeLaunchDescription',
-                       'LogInfo', 'OpaqueFunction', 'Shutdown', 'TimerAction'],
+    'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'GroupAction',
+                       'IncludeLaunchDescription', 'LogInfo', 'OpaqueFunction', 'Shutdown',
+                       'TimerAction'],
     'launch.conditions': ['IfCondition', 'UnlessCondition'],
+    'launch.events': ['matches_action'],
+    'launch.events.process': ['ShutdownProcess'],
     'launch.launch_description_sources': ['PythonLaunchDescriptionSource'],
     'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
     'launch_ros': [],

@@ -41,7 +41,9 @@ def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:
     """
     Return a profile compatible with every subscriber that the recorded publishers served.
 
-    Deadline, lifespan and lease are those of one publisher: kept if all have the same.
+    It is reliable, which serves subscribers of both kinds: the nodes want images reliable, and
+    many cameras are best effort. Deadline, lifespan and lease are those of one publisher: kept if
+    all have the same.
     """
     profile = QoSProfile(depth=_DEFAULT_DEPTH)
     if not offers:
@@ -52,8 +54,6 @@ def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:
                      else _DEFAULT_DEPTH)
     if all(offer.history == 'keep_all' for offer in offers):
         profile.history = HistoryPolicy.KEEP_ALL
-    if all(offer.reliability == 'best_effort' for offer in offers):
-        profile.reliability = ReliabilityPolicy.BEST_EFFORT
     if any(offer.durability == 'transient_local' for offer in offers):
         profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
     first = offers[0]

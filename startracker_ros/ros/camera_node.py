@@ -27,6 +27,9 @@ from startracker_ros.ros.topic_status import TopicStatus
 EARLY = 'camera_info before ready'
 """Counts camera_info of the time in which the code is loaded."""
 
+CAMERA = 'camera'
+"""The value of the diagnostics that names the camera that a node is set up for."""
+
 _DROPPED = 'dropped without camera_info'
 _LINK_PERIOD_S = 0.02
 LINK_LIMIT_S = 10.0
@@ -34,6 +37,11 @@ LINK_LIMIT_S = 10.0
 
 # One after the other: the nodes of a process share catalogues, which are built once then.
 _BUILDING = Lock()
+
+
+def camera_text(camera: Camera) -> str:
+    """Return size and field of a camera, as the log and the diagnostics name it."""
+    return f'{camera.width} x {camera.height} px, {np.degrees(camera.seen_x_rad):.2f} deg wide'
 
 
 def is_building() -> bool:
@@ -318,20 +326,17 @@ class CameraNode(PipelineNode):
                                 self.get_clock().now().nanoseconds)
         newest = self if self._setup is None else self._setup
         if newest.camera is not None and camera != newest.camera:
-            self.diagnostics.report_event(
-                f'another camera: {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.seen_x_rad):.2f} deg wide')
+            self.diagnostics.report_event(f'another camera: {camera_text(camera)}')
             # Frames of the camera before.
             self._end_set_up()
         if camera != newest.camera or not epoch.is_near(self.epoch):
-            self.get_logger().info(
-                f'camera {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.seen_x_rad):.2f} deg wide, {epoch}')
+            self.get_logger().info(f'camera {camera_text(camera)}, {epoch}')
             self._set_up(camera, epoch)
 
     def _set_up(self, camera: Camera, epoch: CatalogueEpoch) -> None:
         """Build what depends on the camera; until then messages wait."""
         self.epoch = epoch
+        self.diagnostics.values.pop(CAMERA, None)
         self.restart()
         build = self.builder(camera, epoch.year)
         if build is None:
@@ -360,11 +365,14 @@ class CameraNode(PipelineNode):
         return_free_memory()
 
     def _process_waiting(self) -> None:
+        if self.camera is not None:
+            self.diagnostics.values[CAMERA] = camera_text(self.camera)
         self._waits_for_camera = False
         self._waiting.process()
 
     def _end_set_up(self) -> None:
         """Drop what waits for a camera, and what is being built for it."""
+        self.diagnostics.values.pop(CAMERA, None)
         self._count_dropped(len(self._waiting.clear()))
         if self._setup is not None:
             self._setup = None

@@ -6,17 +6,21 @@
 import sys
 
 from rclpy.utilities import remove_ros_args
-from startracker_ros.ros.executables import NODES, STAGES
-from startracker_ros.ros.node import node_class_of, run
+from startracker_ros.ros.executables import NODES, STAGES, WRONG_USE
+from startracker_ros.ros.node import log_fatal, node_class_of, run
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the named nodes, or the four stages behind a camera, in this order."""
     arguments = sys.argv if args is None else ['composed_pipeline', *args]
-    names = remove_ros_args(arguments)[1:] or STAGES
-    unknown = [name for name in names if name not in NODES]
-    if unknown:
-        sys.exit(f'composed_pipeline: no node {unknown[0]!r}; there are {", ".join(NODES)}')
+    try:
+        names = remove_ros_args(arguments)[1:] or STAGES
+        unknown = [name for name in names if name not in NODES]
+        if unknown:
+            raise ValueError(f'no node {unknown[0]!r}; there are {", ".join(NODES)}')
+    except (RuntimeError, ValueError) as error:
+        log_fatal('composed_pipeline', error)
+        sys.exit(WRONG_USE)
     sys.exit(run([node_class_of(name) for name in names], args))
 
 

@@ -24,5 +24,11 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
 EXECUTABLES = {**NODES, 'composed_pipeline': 'startracker_ros.ros.composed_pipeline'}
 """All that `ros2 run` finds: the nodes, and what runs several of them in one process."""
 
+WRONG_USE = 2
+"""
+Exit status of a node that cannot run as requested: a wrong parameter or argument, a library that
+is missing or too old. To start it again does not help (launch, startracker.service).
+"""
+
 STAGES = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
 """The nodes between images and attitude."""

@@ -12,20 +12,20 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import (
-    DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, LogInfo, OpaqueFunction)
+    DeclareLaunchArgument, EmitEvent, GroupAction, IncludeLaunchDescription, LogInfo,
+    OpaqueFunction)
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from startracker_ros.ros.executables import EXECUTABLES
+from startracker_ros.ros.executables import EXECUTABLES, WRONG_USE
 from startracker_ros.ros.given_parameters import sections
 from startracker_ros.ros.processes import node_environment
 import yaml
 
 PACKAGE = 'startracker_ros'
-
-RESPAWN = {'respawn': True, 'respawn_delay': 1.0}
-"""Options of a node that is started again when its process ends."""
 
 _CHECKED = 'startracker_ros_arguments_checked'
 # Of similar words, so that arguments of other launch files are hardly ever taken for ours.
@@ -120,6 +120,20 @@ def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
             parameters=[*([params_file] if params_file else []), *([last] if last else [])],
             additional_env=node_environment(), **options)]
     return OpaqueFunction(function=make)
+
+
+def _end_after_wrong_use(event: Any, context: Any) -> list[Any] | None:
+    """Start a process no more that cannot run as requested: it would end again each time."""
+    if event.returncode != WRONG_USE:
+        return None
+    # Within respawn_delay this ends the wait of launch for the next start.
+    return [LogInfo(msg=f'startracker_ros: {event.process_name} ended with status {WRONG_USE} and '
+                        'is not started again: its last line says what to correct'),
+            EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+
+
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'on_exit': _end_after_wrong_use}
+"""Options of a node that is started again when its process ends, but not after wrong use."""
 
 
 def pipeline(arguments: Sequence[DeclareLaunchArgument], **replaced: Any) -> GroupAction:

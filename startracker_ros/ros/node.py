@@ -31,7 +31,7 @@ from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.code_loading import CodeLoading
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
-from startracker_ros.ros.executables import NODES
+from startracker_ros.ros.executables import NODES, WRONG_USE
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
 from startracker_ros.ros.memory import choose_segment, remove_left_behind
@@ -83,7 +83,7 @@ class PipelineNode(ManagedNode):
         super().__init__(name)
         self._prepared = False
         self._options = parameters.declare(self, self.option_classes)
-        self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
+        self.hardware_id = hardware_id_of(self.get_namespace())
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
         self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
         self._take_first: list[Callable[[], None]] = []
@@ -299,6 +299,11 @@ class PipelineNode(ManagedNode):
             self.rebuild()
 
 
+def hardware_id_of(namespace: str) -> str:
+    """Return the hardware id of the diagnostics of the nodes in a namespace."""
+    return namespace.strip('/') or 'star_tracker'
+
+
 def publish_if_subscribed(publisher: Any, message: Callable[[], Any]) -> None:
     """Publish what message() returns; without a subscription it is not made."""
     if publisher.get_subscription_count():
@@ -309,14 +314,14 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     """
     Run nodes until SIGINT or SIGTERM, or until one requests the end with an exit code.
 
-    Returns 0, that code, or 2 if one cannot start as requested.
+    Returns 0, that code, or WRONG_USE if one cannot start as requested.
     """
     # First, so that an early signal is not lost.
     shutdown = PipelineNode.shutdown = Shutdown()
     remove_left_behind()
     choose_segment(any(node_class.sends_images for node_class in node_classes))
     if not _initialize(args, node_classes[0]):
-        return 2
+        return WRONG_USE
     nodes: list[PipelineNode] = []
     code = 1
     executor: Any = None
@@ -342,7 +347,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         code = shutdown.code
     except (parameters.ParameterError, StartError, CameraError) as error:
         _log_fatal(node_class, error)
-        code = 2
+        code = WRONG_USE
     except (Exception, KeyboardInterrupt):
         # An interrupted callback may raise anything.
         if not shutdown.interrupts:
@@ -379,10 +384,14 @@ def _initialize(args: list[str] | None, node_class: type[PipelineNode]) -> bool:
 
 
 def _log_fatal(node_class: type[PipelineNode], error: Exception) -> None:
-    """Log why a node cannot start, without the lines of the C sources of rcl."""
+    """Log why a node cannot start."""
     # Not by the module, which is __main__ under `python -m`.
-    rclpy.logging.get_logger(Path(inspect.getfile(node_class)).stem).fatal(
-        str(error).partition(', at /')[0])
+    log_fatal(Path(inspect.getfile(node_class)).stem, error)
+
+
+def log_fatal(name: str, error: Exception) -> None:
+    """Log why an executable cannot start, without the lines of the C sources of rcl."""
+    rclpy.logging.get_logger(name).fatal(str(error).partition(', at /')[0])
 
 
 def _collect_between_frames(node: PipelineNode) -> None:

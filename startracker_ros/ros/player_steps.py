@@ -4,23 +4,33 @@
 """The steps of the bag player: chosen topics, wait for subscribers, services, its end."""
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo
+from startracker_ros.core.camera.model import CameraError
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.latched import held_before, held_messages
+from startracker_ros.io.bags.layouts import camera_from_message
 from startracker_ros.io.bags.patterns import selected
 from startracker_ros.io.bags.playback import Playback, PlayOptions
 from startracker_ros.io.bags.reader import BagMessage, BagTopic, TolerantBag
 from startracker_ros.io.bags.schemas import message_schema
+from startracker_ros.ros.camera_node import CAMERA, camera_text
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.node import hardware_id_of, PipelineNode
+
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 _LAST_MESSAGES_S = 10.0
+_CAMERA_PERIOD_S = 1.0
+_DIAGNOSTICS_DEPTH = 100
 
 
 def advertise_controls(node: PipelineNode, playback: Callable[[], Playback | None]) -> None:
@@ -51,40 +61,103 @@ def summary(playback: Playback, topics: int) -> str:
 
 
 class AwaitedSubscribers:
-    """The subscribers that a player waits for, from now until the limit of its options."""
+    """
+    The subscribers that a player waits for, from now until the limit of its options.
 
-    def __init__(self, publishers: Mapping[str, Publisher], options: PlayOptions,
+    cameras are those of first_cameras(): users of camera_info that are awaited receive it while
+    the player waits, as those of sources do, and are there once their diagnostics name this
+    camera.
+    """
+
+    def __init__(self, publishers: Mapping[str, Publisher],
+                 cameras: Mapping[str, tuple[bytes, str]], options: PlayOptions,
                  node: PipelineNode) -> None:
         self._publishers = publishers
+        self._cameras = {publishers[topic]: camera for topic, camera in cameras.items()}
         self._options = options
         self._node = node
         self._limit_s = time.monotonic() + options.wait_limit_s
         self._begin_s: float | None = None
+        self._camera_sent_s: float | None = None
+        self._set_up: dict[tuple[str, str], str] = {}
+        self._subscription = node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, _DIAGNOSTICS_DEPTH)
+
+    def close(self) -> None:
+        """Wait no more."""
+        self._node.destroy_subscription(self._subscription)
 
     def are_there(self) -> bool:
-        """Return whether to begin: all are matched or the limit is over, and the delay as well."""
+        """Return whether to begin: all are there or the limit is over, and the delay as well."""
         now_s = time.monotonic()
         if self._begin_s is None:
-            missing = self._missing()
+            missing = self._missing(now_s)
             if missing and now_s < self._limit_s:
-                self._node.diagnostics.report_event(
-                    f'waiting for subscribers of {", ".join(missing)}', expected=True)
+                self._node.diagnostics.report_event(f'waiting for {missing}', expected=True)
                 return False
             self._begin_s = now_s + self._options.start_delay_s
             if missing:
-                self._node.get_logger().warning(
-                    f'played without all subscribers of {", ".join(missing)}')
+                self._node.get_logger().warning(f'played without all {missing}')
         return now_s >= self._begin_s
 
-    def _missing(self) -> list[str]:
-        """Return the topics with fewer matched subscribers than the options name."""
-        return [publisher.topic_name for publisher in self._publishers.values()
-                if publisher.get_subscription_count() < self._needed(publisher)]
+    def _missing(self, now_s: float) -> str:
+        """Return the topics with fewer subscribers that are there than the options name, or ''."""
+        if missing := [publisher.topic_name for publisher in self._publishers.values()
+                       if publisher.get_subscription_count() < self._needed(publisher)]:
+            return f'subscribers of {", ".join(missing)}'
+        missing = [publisher.topic_name for publisher, (_, camera) in self._cameras.items()
+                   if self._users_of(publisher, camera) < self._needed_users(publisher)]
+        if not missing:
+            return ''
+        if self._camera_sent_s is None or now_s - self._camera_sent_s >= _CAMERA_PERIOD_S:
+            self._camera_sent_s = now_s
+            for publisher, (data, _) in self._cameras.items():
+                publisher.publish(data)
+        return f'users of {", ".join(missing)} that are set up for this camera'
 
     def _needed(self, publisher: Publisher) -> int:
         options = self._options
         return max(options.wait_for_subscribers,
                    options.wait_for_camera_users if publisher.msg_type is CameraInfo else 0)
+
+    def _needed_users(self, publisher: Publisher) -> int:
+        """Return how many users of a camera_info are awaited: the stages that subscribe at least."""
+        subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name) if (
+            self._options.wait_for_subscribers) else ()
+        return max(self._options.wait_for_camera_users,
+                   len({one.node_name for one in subscribers} & set(STAGES)))
+
+    def _users_of(self, publisher: Publisher, camera: str) -> int:
+        """Return how many nodes in the namespace of a camera_info are set up for its camera."""
+        hardware_id = hardware_id_of(publisher.topic_name.rpartition('/')[0])
+        return sum(text == camera for (node_id, _), text in self._set_up.items()
+                   if node_id == hardware_id)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        if self._camera_sent_s is None:
+            # What they say before may be of the same camera at another epoch.
+            return
+        for status in message.status:
+            self._set_up[status.hardware_id, status.name] = next(
+                (value.value for value in status.values if value.key == CAMERA), '')
+
+
+def first_cameras(bag: TolerantBag, topics: Iterable[BagTopic], start_ns: int
+                  ) -> dict[str, tuple[bytes, str]]:
+    """
+    Return the first message of each topic of camera_info from a log time on, and its camera.
+
+    The camera is that of camera_text(). Topics without a valid camera are left out.
+    """
+    first = {}
+    for topic in topics:
+        message = next(bag.messages((topic.name,), start_ns), None) if (
+            topic.type_name == CAMERA_INFO) else None
+        if message is not None:
+            with suppress(BagError, CameraError):
+                first[topic.name] = message.data, camera_text(
+                    camera_from_message(message.decoded()))
+    return first
 
 
 def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str], object],
@@ -97,20 +170,26 @@ def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str]
         bag = TolerantBag(Path(options.path), on_damage)
     except BagError as error:
         raise StartError(str(error)) from error
-    chosen = playable_topics(bag.topics.values(), options, own_clock=own_clock, warn=warn)
+    chosen, reasons = playable_topics(bag.topics.values(), options, own_clock=own_clock)
+    for reason in reasons:
+        warn(reason)
     if _images_without_camera(chosen):
         warn(f'{options.path}: images without camera_info: the stages wait for one; publish the '
              'calibration of the camera on camera_info (startracker calibrate finds it)')
     if bag.span_ns is None or not chosen:
+        why = '; '.join(reasons) or (
+            'they have no messages' if chosen else
+            f'topics = {list(options.topics)} without exclude = {list(options.exclude)} fits none')
         raise StartError(f'{options.path}: nothing to play among '
-                         f'{", ".join(sorted(bag.topics)) or "no topics"}')
+                         + (f'{", ".join(sorted(bag.topics))}: {why}' if bag.topics
+                            else 'no topics'))
     return bag, bag.span_ns, chosen
 
 
 def _images_without_camera(topics: Iterable[BagTopic]) -> bool:
     """Return whether images are played, and nothing says which camera took them."""
     types = {topic.type_name for topic in topics}
-    return ('sensor_msgs/msg/CameraInfo' not in types
+    return (CAMERA_INFO not in types
             and bool(types & {'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'}))
 
 
@@ -123,18 +202,18 @@ def held_by_latched(bag: TolerantBag, topics: Iterable[BagTopic], wanted: bool, 
     return held_before(bag.messages(tuple(held), 0), held, start_ns)
 
 
-def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool,
-                    warn: Callable[[str], object]) -> list[BagTopic]:
-    """Return the selected topics that can be published; warn of each that cannot."""
-    playable = []
+def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool
+                    ) -> tuple[list[BagTopic], list[str]]:
+    """Return the selected topics that can be published, and of each that cannot why."""
+    playable, reasons = [], []
     for topic in topics:
         if selected(topic.name, options.topics, options.exclude):
             reason = _why_not_playable(topic, own_clock)
             if reason:
-                warn(f'{topic.name} is not played: {reason}')
+                reasons.append(f'{topic.name} is not played: {reason}')
             else:
                 playable.append(topic)
-    return playable
+    return playable, reasons
 
 
 def _why_not_playable(topic: BagTopic, own_clock: bool) -> str:

@@ -14,11 +14,15 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+import tempfile
 
 ROOT = Path(__file__).parents[2]
 BAG = str(ROOT / 'bags' / 'slew')
 LAUNCH_FILES = sorted(path.name for path in (ROOT / 'launch').iterdir())
 LIMIT_S = 600
+POLICIES = [str(ROOT / 'config' / name) for name in (
+    'security_policy.xml', 'security_policy_ground.xml')]
+KEYSTORE = tempfile.TemporaryDirectory()
 
 # By what each needs: the command, and words that it has to print.
 RUNS = [
@@ -28,6 +32,14 @@ RUNS = [
     (('ros2', 'ros2bag', 'rosbag2_storage_mcap'), ['ros2', 'bag', 'info', BAG],
      'tracker_state'),
     (('startracker',), ['startracker', 'info', BAG], 'tracker_state'),
+    # It ends by itself: no process is started again.
+    (('ros2', 'launch_ros'), ['ros2', 'launch', 'startracker_ros', 'pipeline.launch.py',
+                              'log_level:=bogus'],
+     'ended with status 2 and is not started again'),
+    (('ros2', 'sros2'), ['ros2', 'security', 'generate_artifacts', '-k', KEYSTORE.name, '-p',
+                         *POLICIES], ''),
+    *((('ros2', 'sros2'), ['ros2', 'security', 'list_enclaves', KEYSTORE.name],
+       f'/startracker_ros/{node}') for node in ('star_tracker', 'operator', 'bag_player')),
     (('launch_testing', 'launch_ros'), [
         sys.executable, '-m', 'launch_testing.launch_test',
         str(Path(__file__).with_name('launch_demo.py'))], ''),

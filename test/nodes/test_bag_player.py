@@ -20,7 +20,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
 from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.ros.executables import STAGES
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -82,17 +84,19 @@ def ask(probe, name):
     return probe.call(Trigger, f'/bag_player/{name}', Trigger.Request())
 
 
-@pytest.mark.parametrize('version, mode', [
-    (9, CompressionMode.STORAGE), (8, CompressionMode.MESSAGE)],
+@pytest.mark.parametrize('version, mode, override, reliability', [
+    (9, CompressionMode.STORAGE, {}, ReliabilityPolicy.RELIABLE),
+    (8, CompressionMode.MESSAGE, {'qos_overrides./fast.publisher.reliability': 'best_effort'},
+     ReliabilityPolicy.BEST_EFFORT)],
     ids=['chunks compressed', 'messages compressed'])
-def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
-        nodes, probe, tmp_path, version, mode):
+def test_a_bag_of_rosbags_is_played_reliably_and_as_durable_as_it_was_recorded(
+        nodes, probe, tmp_path, version, mode, override, reliability):
     write_bag(tmp_path / 'bag', version=version, mode=mode)
     probe.collect(Clock, '/clock', BEST_EFFORT)
     probe.collect(String, '/state', LATCHED)
     probe.collect(String, '/fast', BEST_EFFORT)
     player = nodes.start('bag_player', {'path': str(tmp_path / 'bag'), 'start_paused': True,
-                                        **PATIENT})
+                                        **override, **PATIENT})
     probe.wait(lambda: probe.count_publishers('/fast') and probe.count_publishers('/state'),
                'the player')
     state, = probe.get_publishers_info_by_topic('/state')
@@ -100,7 +104,7 @@ def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
     assert state.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert state.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     assert fast.qos_profile.durability == DurabilityPolicy.VOLATILE
-    assert fast.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert fast.qos_profile.reliability == reliability
     assert not probe.count_publishers('/odd')
     assert ask(probe, 'resume').success
     wait_played(probe, player, '/state', STATES)
@@ -236,19 +240,37 @@ def test_what_is_no_bag_is_refused(tmp_path, content, words, status):
     assert 'Traceback' not in done.stderr
 
 
+def test_patterns_that_choose_nothing_and_topics_that_cannot_be_played_are_named(tmp_path):
+    write_bag(tmp_path / 'bag')
+    for pattern, words in (
+            ('state?', r"/state: topics = \['state\?'\] without exclude = \[.*\] fits none"),
+            ('odd', '/state: /odd is not played: no_msgs/msg/Such is not installed')):
+        done = play(tmp_path / 'bag', '--topic', pattern)
+        assert done.returncode == 2
+        assert re.search(f'nothing to play among /fast, /odd, {words}', done.stderr), done.stderr
+    done = play(tmp_path / 'bag', '--start-offset-s', '9')
+    assert done.returncode == 1
+    assert 'nothing was played: no message from 9 s on; the bag ends at 0.78' in done.stderr
+
+
 def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     bag = Path(__file__).parents[2] / 'bags' / 'slew'
     truth = dict(attitudes_of(bag, '/truth/attitude'))
-    for node in ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator'):
+    for node in STAGES:
         nodes.start(node)
     probe.collect(PoseWithCovarianceStamped, 'attitude_cov', 100)
     probe.wait(lambda: probe.count_publishers('attitude_cov')
                and probe.count_publishers('centroids') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'the pipeline')
-    # The second time round every node knows the camera from the beginning.
-    nodes.start('bag_player', {'path': str(bag), 'loop': True, 'rate': 2.0,
+    ready = []
+    probe.create_subscription(PointCloud2, 'centroids', lambda message: ready or ready.append({
+        status.name.partition(':')[0] for status in probe.statuses()
+        if any(value.key == 'camera' for value in status.values)}), 100)
+    nodes.start('bag_player', {'path': str(bag), 'loop': True, 'rate': 2.0, **PATIENT,
                                'topics': ['/image_raw', '/camera_info', '/imu']})
     probe.wait(lambda: len(probe.received['attitude_cov']) >= 20, 'attitudes')
+    # It plays when the stages are set up for the camera of the bag.
+    assert ready[0] == set(STAGES)
     poses = probe.received['attitude_cov']
     assert {ns_from_stamp(pose.header.stamp) for pose in poses} <= truth.keys()
     for pose in poses:

@@ -7,8 +7,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from limits import HANGS_S
+from lxml import etree
 import pytest
 import rclpy
+from rclpy.validate_namespace import validate_namespace
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.executables import NODES, STAGES
@@ -55,6 +57,42 @@ def profiles(file: str) -> dict[str, dict[tuple[str, str], set[str]]]:
         assert node not in found
         found[node] = rules
     return found
+
+
+# By tag: attributes that an element must have, those that it may have, and what is in it.
+RULES = {'ALLOW', 'DENY'}
+SCHEMA = {
+    'policy': ({'version'}, set(), {'enclaves'}), 'enclaves': (set(), set(), {'enclave'}),
+    'enclave': ({'path'}, set(), {'profiles'}), 'profiles': (set(), {'type'}, {'profile'}),
+    'profile': ({'ns', 'node'}, set(), {'topics', 'services', 'actions'}),
+    'topics': (set(), {'publish', 'subscribe'}, {'topic'}),
+    'services': (set(), {'reply', 'request'}, {'service'}),
+    'actions': (set(), {'call', 'execute'}, {'action'}),
+    'topic': (set(), set(), set()), 'service': (set(), set(), set()),
+    'action': (set(), set(), set())}
+
+
+def assert_of_schema(element: etree._Element) -> None:
+    """Check an element, and all in it, by policy.xsd of sros2."""
+    required, optional, inner = SCHEMA[element.tag]
+    assert required <= set(element.attrib) <= required | optional, element.tag
+    assert all(element.get(name) in RULES for name in optional & set(element.attrib) - {'type'})
+    children = list(element.iterchildren(etree.Element))
+    assert {child.tag for child in children} <= inner and bool(children) == bool(inner)
+    assert bool((element.text or '').strip()) == (not inner), element.tag
+    for child in children:
+        assert_of_schema(child)
+
+
+@pytest.mark.parametrize('file', [FLIGHT, GROUND])
+def test_sros2_takes_the_policies(file):
+    """Check what sros2 0.13 does with a policy; `make test-ros` runs it where it is installed."""
+    policy = etree.parse(str(CONFIG / file)).getroot()
+    assert_of_schema(policy)
+    # generate_artifacts takes every child, also a comment, for an enclave.
+    enclaves = [child.get('path') for child in policy.find('enclaves')]
+    assert len(enclaves) == len(set(enclaves))
+    assert all(path and validate_namespace(path) for path in enclaves), enclaves
 
 
 def opened(node: PipelineNode) -> dict[tuple[str, str], set[str]]:

@@ -9,6 +9,7 @@ test/nodes/test_launch_parameters.py starts them.
 
 from pathlib import Path
 import sys
+from types import SimpleNamespace
 
 from launch_stand_in import install, Launched, SHARED, SOURCE
 import pytest
@@ -47,6 +48,17 @@ def check_nodes(launch):
         assert environment['MALLOC_MMAP_THRESHOLD_'] == str(1 << 30)
 
 
+def check_end_after_wrong_use(on_exit):
+    """Check that a process is not started again after status 2; test/full_install runs launch."""
+    for status in (0, 1, -9, -11):
+        assert on_exit(SimpleNamespace(returncode=status), None) is None
+    message, end = on_exit(SimpleNamespace(
+        returncode=2, process_name='star_tracker-3', action='this'), None)
+    assert 'star_tracker-3 ended with status 2 and is not started again' in message.options['msg']
+    assert type(end.options['event']).__name__ == 'ShutdownProcess'
+    assert end.options['event'].options['process_matcher'].value == 'this'
+
+
 def test_pipeline(launched):
     launch = launched('pipeline.launch.py')
     assert [node['executable'] for node in launch.nodes] == PIPELINE
@@ -62,6 +74,8 @@ def test_pipeline(launched):
         stage = node['executable'] in (*STAGES, 'composed_pipeline')
         # A recorder that is started again would begin a bag nobody asked for.
         assert node.get('respawn', False) == (node['executable'] != 'bag_recorder')
+        if node.get('respawn'):
+            check_end_after_wrong_use(node['on_exit'])
         # The manager brings the stages up, the first time as well.
         assert any('autostart' in given for given in node['parameters']) == stage
     check_nodes(launch)

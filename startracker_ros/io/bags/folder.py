@@ -27,7 +27,8 @@ class BagFiles:
 
 def is_bag_folder(folder: Path) -> bool:
     """Return whether a folder is a bag, one that was not closed included."""
-    return (folder / 'metadata.yaml').is_file() or any(folder.glob('*.mcap*'))
+    return (folder / 'metadata.yaml').is_file() or any(
+        any(folder.glob(f'*{suffix}*')) for suffix in _SUFFIXES.values())
 
 
 def find_files(bag: BagPath | str, report: Callable[[str], None] | None) -> BagFiles:

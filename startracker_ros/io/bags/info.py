@@ -8,7 +8,8 @@ from pathlib import Path
 
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import BagFiles, find_files
-from startracker_ros.io.bags.reader import BagTopic, open_file, read_span_ns, read_topics
+from startracker_ros.io.bags.reader import (
+    BagTopic, open_file, read_rates_hz, read_span_ns, read_topics)
 from startracker_ros.io.bags.remote import version
 from startracker_ros.io.table import Result
 
@@ -31,7 +32,8 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
     bag_files = find_files(bag, problems.append if problems else None)
     files = bag_files.paths
     duration_s = (span_ns[1] - span_ns[0]) * 1e-9 if span_ns else 0.0
-    rows = [_row(topic, duration_s) for topic in sorted(
+    rates_hz = read_rates_hz(bag)
+    rows = [_row(topic, rates_hz.get(topic.name)) for topic in sorted(
         topics.values(), key=lambda topic: topic.name)]
     return Result('info', rows, {
         'files': ', '.join(file.name for file in files),
@@ -43,11 +45,10 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
         'whole': not problems}), problems
 
 
-def _row(topic: BagTopic, duration_s: float) -> dict[str, object]:
+def _row(topic: BagTopic, rate_hz: float | None) -> dict[str, object]:
     return {'topic': topic.name, 'type': topic.type_name or topic.encoding,
             'messages': topic.message_count,
-            'rate_hz': (topic.message_count - 1) / duration_s
-            if topic.message_count > 1 and duration_s else None,
+            'rate_hz': rate_hz,
             'qos': '; '.join(dict.fromkeys(
                 f'{profile.reliability}, {profile.durability}' for profile in topic.qos))}
 

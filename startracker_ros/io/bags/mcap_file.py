@@ -9,7 +9,7 @@ chunks completely and unpack chunks of any size (docs/bags.md, `startracker benc
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import heapq
 from io import BytesIO
 import struct
@@ -20,11 +20,12 @@ import zlib
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+import numpy as np
 from startracker_ros.io.bags.compression import (
     DECODING_ERRORS, MAX_RECORD_BYTES, unpack, unpack_file, ZSTD_MAGIC)
 from startracker_ros.io.bags.errors import BagError, UnfinishedBagError
 from startracker_ros.io.bags.mcap_index import FRAME, MAGIC, read_summary, Summary
-from startracker_ros.io.bags.raw_message import RawMessage
+from startracker_ros.io.bags.raw_message import absolute, by_channel, RawMessage
 from startracker_ros.io.bags.remote import BagPath, RemotePath
 import zstandard
 
@@ -89,7 +90,7 @@ class McapFile:
         self.statistics: Statistics | None = None
         self.compressions: set[str] = set()
         self._blocks: list[_Block] = []
-        self._channels_of_chunk: dict[int, frozenset[int]] = {}
+        self._message_indexes: dict[int, dict[int, int]] = {}
         self._problems: list[_Damage] = []
         self._has_summary = False
         self._summary = Summary(self.size)
@@ -131,7 +132,41 @@ class McapFile:
     @property
     def message_counts(self) -> dict[int, int] | None:
         """Numbers of messages by channel as the file states them, None where it does not."""
-        return None if self.statistics is None else self.statistics.channel_message_counts
+        if self.statistics is None or not self._has_definitions:
+            return None
+        return self.statistics.channel_message_counts
+
+    def log_times(self) -> dict[int, np.ndarray]:
+        """
+        Return the log times (N,) of the messages of each channel, in the order of the file.
+
+        They are those of the indexes of chunks; where one is missing, every message is read.
+        """
+        if self.is_sound and self._has_definitions and all(
+                block.offset in self._message_indexes or block.is_chunk and not block.end_ns
+                for block in self._blocks):
+            try:
+                return by_channel((number, self._indexed_times(offset))
+                                  for offsets in self._message_indexes.values()
+                                  for number, offset in offsets.items())
+            except (_Damage, ValueError):
+                # Counted below instead.
+                pass
+        messages = self.messages if self.is_sound else self.intact_messages
+        return by_channel((message.channel.id, [message.log_time_ns])
+                          for message in messages(report=lambda problem: None))
+
+    def _indexed_times(self, offset: int) -> np.ndarray:
+        """Return the log times of a message index: channel, bytes, then times and offsets."""
+        _, length = FRAME.unpack(self._read(offset, FRAME.size))
+        return np.frombuffer(self._read(offset + FRAME.size, length), '<u8', offset=6)[::2]
+
+    @property
+    def _has_definitions(self) -> bool:
+        """Whether the summary has the channels of all messages, and their schemas."""
+        counted = () if self.statistics is None else self.statistics.channel_message_counts
+        return self._has_summary and self.channels.keys() >= set(counted) and all(
+            channel.schema_id in {0, *self.schemas} for channel in self.channels.values())
 
     @property
     def is_sound(self) -> bool:
@@ -156,7 +191,7 @@ class McapFile:
             if report is None:
                 raise self._error(damage) from damage
             report(f'{self.path}: {damage}')
-        if not self._has_summary:
+        if not self._has_definitions:
             self._read_definitions(fail)
         wanted = {number for number, channel in self.channels.items()
                   if not topics or channel.topic in topics}
@@ -244,8 +279,10 @@ class McapFile:
             self.statistics = Statistics.read(self._stream(offset, length))
         elif opcode == Opcode.CHUNK_INDEX:
             index = ChunkIndex.read(self._stream(offset, length))
-            self._channels_of_chunk[index.chunk_start_offset + FRAME.size] = frozenset(
-                index.message_index_offsets)
+            # Without entries it says that there is no index, not that the chunk is empty.
+            if index.message_index_offsets:
+                self._message_indexes[index.chunk_start_offset + FRAME.size] = (
+                    index.message_index_offsets)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self._has_summary |= in_summary and opcode == Opcode.CHANNEL
             self._define(opcode, self._read(offset, length))
@@ -273,7 +310,7 @@ class McapFile:
             self.schemas[schema.id] = schema
         else:
             channel = Channel.read(stream)
-            self.channels[channel.id] = channel
+            self.channels[channel.id] = replace(channel, topic=absolute(channel.topic))
 
     def _bytes(self, offset: int, length: int) -> bytes:
         if offset >= self._summary.start:
@@ -318,7 +355,7 @@ class McapFile:
                 message = heapq.heappop(heap)[3]
                 pending_bytes -= len(message.data)
                 yield message
-            channels = self._channels_of_chunk.get(block.offset, wanted)
+            channels = self._message_indexes.get(block.offset, wanted)
             if block.end_ns < start_ns or (chosen and wanted.isdisjoint(channels)):
                 continue
             try:

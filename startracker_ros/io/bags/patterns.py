@@ -8,8 +8,13 @@ from fnmatch import fnmatchcase
 
 
 def matches(topic: str, patterns: Sequence[str]) -> bool:
-    """Return whether a full topic name fits one of the patterns, * for any characters."""
-    return any(fnmatchcase(topic, pattern) for pattern in patterns)
+    """
+    Return whether a full topic name fits one of the patterns, * for any characters.
+
+    The slash before a pattern may be left out.
+    """
+    return any(fnmatchcase(topic, pattern if pattern[:1] in '/*' else f'/{pattern}')
+               for pattern in patterns)
 
 
 def selected(topic: str, patterns: Sequence[str], exclude: Sequence[str]) -> bool:

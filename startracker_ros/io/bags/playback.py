@@ -56,9 +56,10 @@ class PlayOptions(Options):
         1, 'matched subscribers of each topic to wait for before the first message, 0 not to wait',
         low=0, high=100, read_only=True)
     wait_for_camera_users: int = option(
-        0, 'matched subscribers of camera_info to wait for: every stage of the pipeline is one, '
-        'once it has loaded its code and found the stage before it', low=0, high=100,
-        read_only=True)
+        0, 'users of camera_info to wait for: every stage of the pipeline is one, once it has '
+        'loaded its code and found the stage before it; stages that subscribe are awaited in any '
+        'case; they receive the first camera_info, and the bag begins when their diagnostics say '
+        'that they are set up for this camera', low=0, high=100, read_only=True)
     wait_limit_s: float = option(
         3.0, 'time after which the bag is played without subscribers that are missing',
         unit='s', low=0.0, high=3600.0, read_only=True)
@@ -89,6 +90,7 @@ class Playback:
         self._tick = tick
         self._finished = finished
         self._held = held
+        self._span_ns = span_ns
         self._begin_ns = span_ns[0] + round(options.start_offset_s * 1e9)
         self._end_ns = (self._begin_ns + round(options.duration_s * 1e9)
                         if options.duration_s else span_ns[1])
@@ -164,6 +166,16 @@ class Playback:
         with self._changed:
             errors = 1e3 * np.array(self.errors_s)
         return tuple(np.percentile(errors, (50, 95, 100))) if len(errors) else (0.0, 0.0, 0.0)
+
+    @property
+    def why_nothing(self) -> str:
+        """Why a playback that has ended published nothing, empty where it did or was stopped."""
+        if self.published or self._stopped:
+            return ''
+        options, (begin_ns, end_ns) = self._options, self._span_ns
+        limit = f' for {options.duration_s:g} s' if options.duration_s else ''
+        return (f'nothing was played: no message from {options.start_offset_s:g} s on{limit}; the '
+                f'bag ends at {(end_ns - begin_ns) * 1e-9:g} s')
 
     def _run(self) -> None:
         failure = None

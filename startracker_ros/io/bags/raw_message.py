@@ -3,9 +3,12 @@
 
 """A message of a bag before its topic is looked at."""
 
+from array import array
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from mcap.records import Channel, Schema
+import numpy as np
 
 
 class RawMessage(NamedTuple):
@@ -16,3 +19,16 @@ class RawMessage(NamedTuple):
     log_time_ns: int
     publish_time_ns: int
     data: bytes
+
+
+def absolute(topic: str) -> str:
+    """Return the full name of a topic; some recorders leave out the slash before it."""
+    return topic if topic.startswith('/') else f'/{topic}'
+
+
+def by_channel(times: Iterable[tuple[int, Iterable[int]]]) -> dict[int, np.ndarray]:
+    """Return log times (N,) by channel of pieces of them."""
+    found: dict[int, array] = {}
+    for number, piece in times:
+        found.setdefault(number, array('Q')).extend(piece)
+    return {number: np.asarray(column) for number, column in found.items()}

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
+import numpy as np
 from startracker_ros.io.bags.compression import (
     DECODING_ERRORS, first_unpacked_bytes, unpack, ZSTD_MAGIC)
 from startracker_ros.io.bags.errors import BagError
@@ -26,6 +27,8 @@ _HEAD_BYTES = 2 ** 18
 
 BagFile = McapFile | SqliteFile
 
+# Messages of a span whose length gives the rate.
+_GROUP = 10
 _MAX_PROBLEMS = 100
 """Nobody reads more of them."""
 
@@ -184,6 +187,31 @@ def read_span_ns(bag: BagPath | str) -> tuple[int, int] | None:
             if file.span_ns is not None:
                 spans.append(file.span_ns)
     return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+
+def read_rates_hz(bag: BagPath | str) -> dict[str, float]:
+    """Return the messages a second of each topic where they are known; BagError as read_topics."""
+    times: dict[str, list[np.ndarray]] = {}
+    for path in find_files(bag, _ignore).paths:
+        with open_file(path) as file:
+            for number, log_times_ns in file.log_times().items():
+                if channel := file.channels.get(number):
+                    times.setdefault(channel.topic, []).append(log_times_ns)
+    return {topic: rate for topic, pieces in times.items()
+            if (rate := _rate_hz(np.sort(np.concatenate(pieces))))}
+
+
+def _rate_hz(times_ns: np.ndarray) -> float | None:
+    """
+    Return the usual rate of messages at sorted times (N,), None where it is not known.
+
+    Median over groups of some messages: neither a pause nor a late begin lowers it, and what
+    arrives in bursts has its mean rate.
+    """
+    step = max(1, min(_GROUP, len(times_ns) // 8))
+    spans_ns = times_ns[step:] - times_ns[:-step]
+    median_ns = float(np.median(spans_ns)) if len(spans_ns) else 0.0
+    return step * 1e9 / median_ns if median_ns else None
 
 
 def read_blocks_ns(bag: BagPath | str) -> list[tuple[int, int]]:

@@ -11,13 +11,16 @@ from typing import Any
 from urllib.parse import quote
 
 from mcap.records import Channel, Schema
+import numpy as np
 from startracker_ros.io.bags.compression import MAX_RECORD_BYTES, unpack_file, ZSTD_MAGIC
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.raw_message import RawMessage
+from startracker_ros.io.bags.raw_message import absolute, by_channel, RawMessage
 import zstandard
 
 SQLITE_MAGIC = b'SQLite format 3\0'
 _LAST_NS = 2 ** 63 - 1
+# The byte of the header that is 2 in WAL mode.
+_WRITE_VERSION, _WAL = 18, b'\x02'
 # Of a file from elsewhere: no functions of its schema, no cells beyond their page.
 _PRAGMAS = ('trusted_schema = OFF', 'cell_size_check = ON', 'query_only = ON')
 
@@ -40,14 +43,15 @@ class SqliteFile:
         self._unpacked: Any = None
         try:
             # A generator may end in another thread than it began in.
+            database = self._unpacked_path()
+            access, locking_mode = _access(database)
             self._database = sqlite3.connect(
-                f'file:{quote(self._unpacked_path())}?mode=ro', uri=True,
-                check_same_thread=False)
+                f'file:{quote(database)}?{access}', uri=True, check_same_thread=False)
         except (OSError, ValueError, sqlite3.Error, zstandard.ZstdError) as error:
             raise BagError(f'cannot read {path}: {error}') from error
         try:
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)
-            for pragma in _PRAGMAS:
+            for pragma in (*_PRAGMAS, f'locking_mode = {locking_mode}'):
                 self._database.execute(f'PRAGMA {pragma}')
             self._read_topics()
         except (sqlite3.Error, KeyError, TypeError, ValueError) as error:
@@ -83,6 +87,12 @@ class SqliteFile:
     def message_counts(self) -> dict[int, int]:
         """Numbers of messages by channel; BagError of a damaged file."""
         return dict(self._rows('SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id'))
+
+    def log_times(self) -> dict[int, np.ndarray]:
+        """Return the log times (N,) of the messages of each channel; BagError at damage."""
+        return by_channel((number, [time_ns]) for number, time_ns in self._rows(
+            "SELECT topic_id, timestamp FROM messages WHERE typeof(timestamp) = 'integer' AND "
+            'timestamp >= 0'))
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -149,7 +159,7 @@ class SqliteFile:
                 number, str(definition.get('encoded_message_definition', '')).encode(),
                 str(definition.get('encoding', '')), name)
             self.channels[int(row['id'])] = Channel(
-                int(row['id']), str(row['name']), str(row['serialization_format']), {
+                int(row['id']), absolute(str(row['name'])), str(row['serialization_format']), {
                     'offered_qos_profiles': str(row.get('offered_qos_profiles', '')),
                     'topic_type_hash': str(row.get('type_description_hash', ''))}, number)
 
@@ -160,3 +170,22 @@ class SqliteFile:
 
     def _error(self, reason: object) -> BagError:
         return BagError(f'{self.path} is damaged: {reason}')
+
+
+def _access(database: str) -> tuple[str, str]:
+    """
+    Return parameters of the URI and the locking mode that leave no file beside a database.
+
+    In WAL mode SQLite writes NAME-wal and NAME-shm there even to read it, and does not remove
+    them again. It does not need them where the recorder has ended and its log is merged or can be
+    indexed in memory; where both files are there a recorder may be running, and its locks count.
+    """
+    with open(database, 'rb') as file:
+        file.seek(_WRITE_VERSION)
+        is_wal = file.read(1) == _WAL
+    log, index = (Path(f'{database}-{end}') for end in ('wal', 'shm'))
+    has_log = is_wal and log.is_file() and log.stat().st_size > 0
+    if not is_wal or has_log and index.is_file():
+        return 'mode=ro', 'NORMAL'
+    # Only without other connections, hence without locks, SQLite keeps the index in memory.
+    return ('mode=ro&vfs=unix-none', 'EXCLUSIVE') if has_log else ('immutable=1', 'NORMAL')

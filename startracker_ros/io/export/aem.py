@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.maths.rotation import sign_continuous
+from startracker_ros.io.bags.absence import contents
 from startracker_ros.io.export.segments import lock_segments
-from startracker_ros.io.recordings.recording import Recording
+from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, Recording
 
 _LONGEST_LINE = 254
 
@@ -44,7 +45,9 @@ def aem_text(recording: Recording, labels: AemLabels, creation_ns: int) -> str:
     transpose of R(q). Within a segment the quaternion does not jump to its negative.
     """
     if not len(recording.attitude_ns):
-        raise AemError('the bag holds no attitude')
+        raise AemError('the bag holds no attitude: '
+                       f'{recording.why_nothing(*ATTITUDE_TOPICS)}; '
+                       f'{contents(recording.topics)}')
     lines = ['CCSDS_AEM_VERS = 2.0', f'CREATION_DATE = {utc(creation_ns)}',
              f'ORIGINATOR = {labels.originator}']
     segment = lock_segments(recording)

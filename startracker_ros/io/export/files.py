@@ -10,7 +10,8 @@ import time
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.aem import aem_text, AemLabels
 from startracker_ros.io.export.segments import lock_segments
-from startracker_ros.io.export.tables import load_parquet_writer, TABLES, write_csv, write_parquet
+from startracker_ros.io.export.tables import (
+    load_parquet_writer, TABLE_TOPICS, TABLES, write_csv, write_parquet)
 from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.table import Result
@@ -33,7 +34,7 @@ def export_bag(bag: Path, folder: Path, formats: Sequence[str], labels: AemLabel
     if 'aem' in formats:
         texts['attitude.aem'] = aem_text(recording, labels, time.time_ns())
     output_folder(folder)
-    rows = []
+    rows, empty = [], list[str]()
     for name, text in texts.items():
         write_output(folder / name, text)
         rows.append({'file': str(folder / name), 'rows': len(recording.attitude_ns)})
@@ -44,8 +45,11 @@ def export_bag(bag: Path, folder: Path, formats: Sequence[str], labels: AemLabel
                 path = folder / f'{name}.{kind}'
                 write(table, path)
                 rows.append({'file': str(path), 'rows': len(table['stamp_ns'])})
+        if not len(table['stamp_ns']):
+            empty.append(f'{name}: {recording.why_nothing(*TABLE_TOPICS[name])}')
     segments = lock_segments(recording)
     problems = {'problem' if index == 0 else f'problem {index + 1}': problem
                 for index, problem in enumerate(recording.problems)}
     return Result('export', rows, {
-        'segments': int(segments[-1]) + 1 if len(segments) else 0, **problems})
+        'segments': int(segments[-1]) + 1 if len(segments) else 0,
+        **({'without rows': '; '.join(empty)} if empty else {}), **problems})

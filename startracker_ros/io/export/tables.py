@@ -15,7 +15,7 @@ from startracker_ros.core.extras import extra
 from startracker_ros.core.maths.rotation import pointing_from_quaternion
 from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.output import output_file
-from startracker_ros.io.recordings.recording import Recording
+from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, Recording
 
 Table = Mapping[str, np.ndarray]
 """Columns (N,) by name; the names carry the units."""
@@ -63,6 +63,9 @@ def diagnostics_table(recording: Recording) -> Table:
 
 
 TABLES = {'attitude': attitude_table, 'tracks': tracks_table, 'diagnostics': diagnostics_table}
+TABLE_TOPICS = {'attitude': ATTITUDE_TOPICS, 'tracks': ('tracks',),
+                'diagnostics': ('/diagnostics',)}
+"""The relative topics that the rows of each table are from."""
 
 
 def write_csv(table: Table, path: Path) -> None:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, MessageError, protection_from_message, read_cloud,
     STAR_DTYPE, TRACK_DTYPE)
 from startracker_ros.io.bags.reader import BagMessage, BagTopic, read_messages, read_topics
 from startracker_ros.io.recordings.recording import (
-    Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
+    ATTITUDE_TOPICS, Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
 
 # Topics that are read, relative to the namespace of a star tracker.
 TOPIC_TYPES = {
@@ -30,9 +31,9 @@ TOPIC_TYPES = {
     'tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus'}
 HEADS_TOPIC, HEADS_TYPE = 'heads', 'diagnostic_msgs/msg/DiagnosticArray'
 _DIAGNOSTICS, _DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
+_FRAME_TOPICS = ('image_raw', 'centroids', 'stars', 'tracks', *ATTITUDE_TOPICS)
 # Topics that identify the namespace of a star tracker; other cameras have image_raw as well.
-_STAR_TRACKER_TOPICS = (
-    'centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu', 'tracker_state')
+_STAR_TRACKER_TOPICS = (*_FRAME_TOPICS[1:], 'tracker_state')
 _NEWEST_NS = 2 ** 63 - 1
 _LARGEST_VARIANCE_RAD2 = (2 * np.pi) ** 2
 
@@ -240,6 +241,9 @@ class _Reader:
         problems += tuple(
             f'{topic}: {count} of {topics[topic].message_count} messages not used: {reason}'
             for topic, (count, reason) in self._problems.items())
+        if not (self._problems or any(self._times[topic] for topic in _FRAME_TOPICS)):
+            problems += ('no frame of a star tracker: ' + why_nothing(topics, {
+                full_name(self._namespace, topic): '' for topic in _FRAME_TOPICS}),)
         return Recording(
             namespace=self._namespace, topics=topics,
             times={topic: _topic_times(rows) for topic, rows in self._times.items()},

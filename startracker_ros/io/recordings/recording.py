@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.bags.absence import missing
 from startracker_ros.io.bags.reader import BagTopic
 
+ATTITUDE_TOPICS = ('attitude', 'attitude_cov', 'attitude_imu')
 GAP_INTERVALS = 2.5
 """Of the usual interval: frames that are farther apart are not joined in pictures."""
 
@@ -113,6 +115,12 @@ class Recording:
         """Return the name in the bag of a relative topic."""
         return full_name(self.namespace, topic)
 
+    def why_nothing(self, *topics: str) -> str:
+        """Return why nothing of relative topics was read: not used, or not there."""
+        names = [self.full_name(topic) for topic in topics]
+        unused = [problem for problem in self.problems if problem.split(': ')[0] in names]
+        return '; '.join(unused) or missing(self.topics, dict.fromkeys(names, ''))
+
     def errors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return stamps (M,), the errors and their sigmas (M, 3) in arcsec about sensor axes.
@@ -162,8 +170,7 @@ class Recording:
     def knows_attitudes(self) -> bool:
         """Whether the bag has a topic of attitudes, with messages or not."""
         return bool(len(self.attitude_ns) or len(self.without_attitude_ns)) or any(
-            self.full_name(topic) in self.topics
-            for topic in ('attitude', 'attitude_cov', 'attitude_imu'))
+            self.full_name(topic) in self.topics for topic in ATTITUDE_TOPICS)
 
     def state_frame_ns(self) -> np.ndarray:
         """
@@ -199,5 +206,7 @@ def gaps_after(stamps: np.ndarray) -> np.ndarray:
 
 
 def full_name(namespace: str, topic: str) -> str:
-    """Return the full name of a topic of a star tracker."""
+    """Return the full name of a topic of a star tracker; one with a slash has it already."""
+    if topic.startswith('/'):
+        return topic
     return f'/{namespace}/{topic}' if namespace else f'/{topic}'

@@ -15,15 +15,16 @@ from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode
 from startracker_ros.ros.player_steps import (
-    advertise_controls, AwaitedSubscribers, held_by_latched, open_playable, summary,
-    wait_for_subscribers)
+    advertise_controls, AwaitedSubscribers, CAMERA_INFO, first_cameras, held_by_latched,
+    open_playable, summary, wait_for_subscribers)
 
 
 class BagPlayerNode(PipelineNode):
     """
     Publishes serialized messages at the pace of the recording, then ends.
 
-    The status of the process is 1 where the bag could not be read to its end.
+    The status of the process is 1 where the bag could not be read to its end, or nothing of it
+    was played.
     """
 
     option_classes = (PlayOptions, PlaybackOptions)
@@ -42,17 +43,19 @@ class BagPlayerNode(PipelineNode):
             options, on_damage=self._on_damage, warn=self.get_logger().warning,
             own_clock=timing.clock_rate_hz > 0)
         self._players = {
-            topic.name: self.create_publisher(
+            topic.name: self.advertise(
                 message_class(topic.type_name), topic.name, playback_qos(topic.qos))
-            for topic in chosen}
+            # That of the cameras last, which tells when its users know those before.
+            for topic in sorted(chosen, key=lambda topic: topic.type_name == CAMERA_INFO)}
         if timing.clock_rate_hz:
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         playback = self._playback = Playback(
             partial(bag.messages, tuple(self._players)), span_ns, timing,
             publish=self._publish_message, tick=self._publish_clock, finished=self._on_end,
             held=partial(held_by_latched, bag, chosen, timing.latched))
-        self._timer = self.create_steady_timer(0.01, partial(
-            self._start, playback, AwaitedSubscribers(self._players, options, self)))
+        self._awaited = AwaitedSubscribers(
+            self._players, first_cameras(bag, chosen, playback.time_ns), options, self)
+        self._timer = self.create_steady_timer(0.01, partial(self._start, playback))
 
     def activate(self) -> None:
         if self._deactivated and self._playback is not None:
@@ -66,6 +69,7 @@ class BagPlayerNode(PipelineNode):
         if self._playback is not None:
             self._playback.stop()
         self._playback, self._deactivated = None, False
+        self._awaited.close()
         self.destroy_timer(self._timer)
         for publisher in self._players.values():
             self.destroy_publisher(publisher)
@@ -85,8 +89,9 @@ class BagPlayerNode(PipelineNode):
             self._damaged = True
             self.diagnostics.report(ERROR, problem)
 
-    def _start(self, playback: Playback, awaited: AwaitedSubscribers) -> None:
-        if self.active and awaited.are_there():
+    def _start(self, playback: Playback) -> None:
+        if self.active and self._awaited.are_there():
+            self._awaited.close()
             self.destroy_timer(self._timer)
             self._timer = self.create_steady_timer(0.5, partial(self._report, playback))
             playback.start()
@@ -111,12 +116,15 @@ class BagPlayerNode(PipelineNode):
 
     def _on_end(self, failure: Exception | None) -> None:
         """End the node with the bag; runs in the thread of the playback."""
-        if failure is not None:
-            self.get_logger().error(str(failure))
+        problem = '' if failure is None else str(failure) or repr(failure)
+        if self._playback is not None:
+            problem = problem or self._playback.why_nothing
+        if problem:
+            self.get_logger().error(problem)
         if not self.configured:
             return
         wait_for_subscribers(self._players.values())
-        self.shutdown.request(int(failure is not None))
+        self.shutdown.request(int(bool(problem)))
 
 
 main = main_of(BagPlayerNode)

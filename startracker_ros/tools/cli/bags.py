@@ -5,11 +5,15 @@
 
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
 import click
-from startracker_ros.tools.cli.outcome import exit_1_on, FailedError, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, FailedError, usage_error_on
 from startracker_ros.tools.cli.shared import (
     become_node, json_option, namespace_option, output_option, print_result)
+
+if TYPE_CHECKING:
+    from startracker_ros.io.table import Result
 
 
 @click.command()
@@ -37,14 +41,10 @@ def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...
             raise FailedError(f'{output}: the folder is not empty')
         parameters['folder'] = str(output)
     if topics:
-        parameters['topics'] = _full_names(topics)
+        parameters['topics'] = topics
     if exclude:
-        parameters['exclude'] = _full_names(exclude)
+        parameters['exclude'] = exclude
     become_node('bag_recorder', parameter_arguments(parameters))
-
-
-def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(pattern if pattern[:1] in ('/', '*') else f'/{pattern}' for pattern in patterns)
 
 
 @click.command()
@@ -79,9 +79,9 @@ def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: t
         read_topics(bag, tolerant=True)
     parameters: dict[str, object] = {'path': str(bag), **options}
     if topics:
-        parameters['topics'] = _full_names(topics)
+        parameters['topics'] = topics
     if exclude:
-        parameters['exclude'] = _full_names(exclude)
+        parameters['exclude'] = exclude
     renamed = [word for remap in remaps for word in ('-r', remap)]
     become_node('bag_player', [*parameter_arguments(parameters), *renamed])
 
@@ -120,6 +120,8 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
     with exit_1_on(BagError, output=output):
         result = write_report(bag, output, namespace)
     print_result(result, as_json)
+    frames = {row['case']: row['value'] for row in result.rows}['frames']
+    _fail_without(frames, bag, result)
 
 
 @click.command()
@@ -144,3 +146,13 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     with exit_1_on(BagError, AemError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
     print_result(result, as_json)
+    _fail_without(sum(row['rows'] for row in result.rows), bag, result)
+
+
+def _fail_without(rows: int, bag: Path, result: 'Result') -> None:
+    """End with status 1, and with what is wrong with a bag, where nothing came out of it."""
+    if not rows:
+        reasons = [reason for key in ('problem', 'without rows')
+                   for name, reason in result.conditions.items() if name.startswith(key)]
+        click.echo(f'startracker: nothing in {bag}: {reasons[0]}', err=True)
+        sys.exit(FAILED)

@@ -102,7 +102,8 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
     print_result(result, as_json)
     failed = result.conditions['not_processed']
     if failed != NOTHING or not result.conditions['frames']:
-        what = f'not processed: {failed}' if failed != NOTHING else 'no frame was processed'
+        what = (f'not processed: {failed}' if failed != NOTHING else
+                f'no frame was processed: {result.conditions["first_error"]}')
         click.echo(f'startracker: {output}: {what}; see {ERRORS}', err=True)
         sys.exit(FAILED)
 

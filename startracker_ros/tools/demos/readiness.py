@@ -10,21 +10,19 @@ from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rclpy.client import Client
 from rclpy.task import Future
+from startracker_ros.ros.camera_node import CAMERA
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.probe import Probe
 
 _REPEAT_REQUEST_S = 0.5
-CAMERA = ('camera_info received',)
-"""What a stage counts in its diagnostics once it is set up for the camera."""
-
 Needs = Mapping[str, Sequence[str]]
-"""What each node must have counted before the first frame, by the node's name with namespace."""
+"""Values that the diagnostics of each node must have before the first frame, by full name."""
 
 
 def needs_of(nodes: Sequence[str], namespace: str = '') -> dict[str, Sequence[str]]:
     """Return the needs of nodes in a namespace."""
     prefix = f'/{namespace}' if namespace else ''
-    return {f'{prefix}/{node}': CAMERA if node in STAGES else () for node in nodes}
+    return {f'{prefix}/{node}': (CAMERA,) if node in STAGES else () for node in nodes}
 
 
 class _Node:
@@ -67,8 +65,8 @@ class Readiness:
     """
     Follows nodes until they are ready; the probe collects their diagnostics.
 
-    A node is ready when its diagnostics have counted what it needs, and it has answered that it is
-    active to a request sent after connected() was called: by then it has discovered what the probe
+    A node is ready when its diagnostics have what it needs, and it has answered that it is active
+    to a request sent after connected() was called: by then it has discovered what the probe
     had.
     """
 

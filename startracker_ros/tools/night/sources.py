@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import is_bag_folder
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)
+from startracker_ros.io.bags.patterns import matches
 from startracker_ros.io.bags.reader import read_messages, read_topics
 from startracker_ros.io.images.exif import Taken
 from startracker_ros.io.images.images import image_paths, ImageError, read_photograph
@@ -21,6 +23,7 @@ from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.recordings.recording import full_name
 
 _IMAGE, _CAMERA_INFO = 'image_raw', 'camera_info'
+_IMAGE_TYPE = 'sensor_msgs/msg/Image'
 
 
 class TimedImage(NamedTuple):
@@ -118,12 +121,14 @@ def camera_of_bag(bag: Path, namespace: str | None) -> Camera:
 
 
 def _namespace(bag: Path, namespace: str | None) -> str:
-    if namespace is not None:
-        return namespace.strip('/')
-    found = sorted(name.removesuffix(f'/{_IMAGE}').strip('/')
-                   for name, topic in read_topics(bag, tolerant=True).items()
-                   if name.endswith(f'/{_IMAGE}') and topic.message_count)
-    if len(found) != 1:
-        raise BagError(f'{bag}: image_raw of the namespaces '
-                       f'{", ".join(map(repr, found)) or "none"}: choose one with --namespace')
+    topics = read_topics(bag, tolerant=True)
+    wanted = f'*/{_IMAGE}' if namespace is None else full_name(namespace.strip('/'), _IMAGE)
+    found = sorted(name.removesuffix(f'/{_IMAGE}').strip('/') for name, topic in topics.items()
+                   if matches(name, (wanted,)) and topic.type_name == _IMAGE_TYPE
+                   and topic.message_count)
+    if not found:
+        raise BagError(f'{bag}: no images: {why_nothing(topics, {wanted: _IMAGE_TYPE})}')
+    if len(found) > 1:
+        raise BagError(f'{bag}: image_raw of the namespaces {", ".join(map(repr, found))}: '
+                       'choose one with --namespace')
     return found[0]

@@ -19,6 +19,7 @@ from startracker_ros.core.catalog.deep import load_deep_catalog, NUMBER_OFFSET, 
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.reader import read_rates_hz
 from startracker_ros.io.output import write_output
 from startracker_ros.io.recordings.frames import frame_pictures, FramePicture
 from startracker_ros.io.recordings.loading import load_recording
@@ -86,7 +87,7 @@ def render_page(bag: Path, panels: Panels) -> str:
         latency=[(name, count, *(f'{value:.2f}' for value in values))
                  for name, count, *values in panels.latency_rows()],
         frames=[_frame(panels, picture) for picture in pictures], why_no_frames=why_no_frames,
-        diagnostics=diagnostics_table(recording), topics=_topics(panels))
+        diagnostics=diagnostics_table(recording), topics=_topics(bag, recording))
 
 
 def _bag_name(bag: Path) -> str:
@@ -139,11 +140,12 @@ def _frame(panels: Panels, picture: FramePicture) -> dict[str, Any]:
                  'the bag holds no stars of this frame'}
 
 
-def _topics(panels: Panels) -> list[tuple[str, str, int, str]]:
+def _topics(bag: Path, recording: Recording) -> list[tuple[str, str, int, str]]:
     """Return name, type, number of messages and rate of each topic."""
+    rates_hz = read_rates_hz(bag)
     return [(name[:300], topic.type_name[:300], topic.message_count,
-             f'{topic.message_count / panels.duration_s:.2f}' if panels.duration_s else '-')
-            for name, topic in sorted(panels.recording.topics.items())]
+             f'{rates_hz[name]:.2f}' if name in rates_hz else '-')
+            for name, topic in sorted(recording.topics.items())]
 
 
 def sky_map(panels: Panels) -> dict[str, Any] | None:

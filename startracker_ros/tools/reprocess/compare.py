@@ -53,6 +53,7 @@ def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Resu
     """
     Return a row for each star tracker that both runs have, and draw the differences.
 
+    Frames of other bags differ; the note of the result names bags of the same times.
     BagError where a folder is no run, or nothing is common to both.
     """
     a, b = open_run(folder_a), open_run(folder_b)
@@ -67,7 +68,12 @@ def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Resu
         curves[tracker] = stamps, difference
     if picture is not None:
         _draw(curves, picture)
-    return Result('compare', rows, {'a': str(folder_a), 'b': str(folder_b)})
+    remarks = [f'{name}: {found}' for name, run in (('a', a), ('b', b)) for tracker in trackers
+               if (found := run.same_times(tracker))]
+    remarks += [f'{row.tracker}: no frame has an attitude in both runs' for row, stamps in zip(
+        rows, (stamps for stamps, _ in curves.values())) if not len(stamps)]
+    return Result('compare', rows, {'a': str(folder_a), 'b': str(folder_b), **(
+        {'note': '; '.join(remarks)} if remarks else {})})
 
 
 def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from typing import Any
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags import cdr
+from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files, is_bag_folder
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
@@ -176,8 +177,8 @@ def _planned(bag: BagPath, name: str, source: str, options: SegmentOptions) -> B
         identity = _identity(bag)
         trackers = _trackers(topics, source)
         if not trackers:
-            problem('no star tracker in it: no centroids or image_raw with messages of their '
-                    f'type among the topics {", ".join(sorted(topics)[:10])}')
+            problem('no star tracker in it: ' + why_nothing(topics, {
+                f'*/{kind}': SOURCES[kind] for kind in ([source] if source else SOURCES)}))
         for namespace, topic in sorted(trackers.items()):
             try:
                 plan.segments.extend(_segments(

@@ -96,15 +96,19 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
                        f'in {runs[0].folder / ERRORS}')
     with_segments = {segment.name for segment in segments}
     without = [name for name in names if name not in with_segments]
+    frames = sum(row.frames for row in rows)
     for record in (record for run in runs for record in run.processed):
         traffic.add(record.store_requests, record.store_bytes)
     return Result('reprocess', rows, {
-        'frames': sum(row.frames for row in rows),
+        'frames': frames,
         'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
         'store_requests': traffic.requests,
         'store_mb': traffic.bytes / 1e6,
         'errors': f'{len(found)} rows in {ERRORS}' if found else NOTHING,
+        **({} if frames else {'first_error': (
+            f'{found[0].bag}: {found[0].reason}' if found else
+            'no message of the source lies in a segment')}),
         'not_processed': ', '.join([*without, *(
             key for run in runs for key in run.not_processed)]) or NOTHING})
 

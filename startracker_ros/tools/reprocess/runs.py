@@ -8,9 +8,10 @@ import json
 from pathlib import Path
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.tools.reprocess.run import SUMMARY
-from startracker_ros.tools.reprocess.tables import read_table
+from startracker_ros.tools.reprocess.tables import file_spans_ns, read_table
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,18 @@ class Run:
         """The days with frames, as 2026-01-01."""
         return sorted(path.name.removeprefix('day=')
                       for path in (self.folder / 'tables' / 'frames').glob('day=*'))
+
+    def same_times(self, tracker: str) -> str:
+        """Return which bags of a tracker hold frames of the same times, empty where none do."""
+        newest: dict[str, int] = {}
+        for begin_ns, end_ns, bag in file_spans_ns(self.folder / 'tables', 'frames', tracker):
+            for other, other_end_ns in newest.items():
+                if other != bag and begin_ns <= other_end_ns:
+                    return (f'{tracker}: the bags {other} and {bag} both hold frames of '
+                            f'{utc(begin_ns)} to {utc(min(end_ns, other_end_ns))}: for figures '
+                            'of one, reprocess it into a folder of its own')
+            newest[bag] = max(end_ns, newest.get(bag, 0))
+        return ''
 
     def table(self, name: str, tracker: str, columns: list[str], day: str = '*'
               ) -> dict[str, np.ndarray]:

@@ -200,6 +200,25 @@ def accuracy(rows: np.ndarray) -> tuple[int, float, float]:
     return len(error), float((error[:, :2] ** 2).sum()), float(nees.sum())
 
 
+def file_spans_ns(folder: Path, table: str, tracker: str) -> list[tuple[int, int, str]]:
+    """Return the first and last stamp of each file of a table, and the name of its recording."""
+    pyarrow = load_parquet_writer()
+    spans = []
+    for path in (folder / table).glob(f'day=*/tracker={tracker}/*.parquet'):
+        metadata = pyarrow.parquet.ParquetFile(path).metadata
+        column = metadata.schema.to_arrow_schema().names.index('stamp_ns')
+        found = [metadata.row_group(group).column(column).statistics
+                 for group in range(metadata.num_row_groups)]
+        spans.append((min(each.min for each in found), max(each.max for each in found),
+                      _recording(path)))
+    return sorted(spans)
+
+
+def _recording(path: Path) -> str:
+    """Return the name of the recording of a file, whose name ends with the begin of a segment."""
+    return path.stem.rpartition('_')[0]
+
+
 def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: str = '*'
                ) -> dict[str, np.ndarray]:
     """
@@ -212,8 +231,7 @@ def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: 
     for path in sorted((folder / table).glob(f'day={day}/tracker={tracker}/*.parquet')):
         read = pyarrow.parquet.ParquetFile(path).read([name for name in columns if name != BAG])
         for name in columns:
-            # The name of the file is that of the recording, and the begin of the segment.
-            parts[name].append(np.full(len(read), path.stem.rpartition('_')[0], object)
+            parts[name].append(np.full(len(read), _recording(path), object)
                                if name == BAG else read.column(name).to_numpy())
     joined = {name: np.concatenate(part) if part else np.empty(0)
               for name, part in parts.items()}

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
+from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.report.template import chart, content_policy, resource, template
 from startracker_ros.tools.reprocess.compare import draw_extremes
+from startracker_ros.tools.reprocess.run import ERRORS
 from startracker_ros.tools.reprocess.runs import open_run, Run
 from startracker_ros.tools.reprocess.widths import GRID, width_px
 from startracker_ros.tools.trend.series import all_series, distortion, Series
@@ -164,9 +166,13 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     """
     Return a row for each drift and step of a run, and write a page of its series.
 
-    BagError where the folder is no run; OSError where the page cannot be written.
+    The note of the result, and of the page, names series without data and bags of the same times.
+    BagError where the folder is no run or without frames; OSError where the page cannot be
+    written.
     """
     run = open_run(folder)
+    if not run.days:
+        raise BagError(f'{folder}: the run has no frames, see {ERRORS}')
     found = [(series, find_steps(series.stamp_ns, series.values, orbit_s))
              for series in all_series(run)]
     rows = [row for series, search in found for row in drift_rows(series, search)]
@@ -180,14 +186,17 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     pixels = [row for tracker in run.trackers for row in hot_pixels(run, tracker)]
     maps = [one for tracker in run.trackers for one in width_maps(run, tracker)]
     rows += _width_rows(maps)
+    same = [remark for tracker in run.trackers if (remark := run.same_times(tracker))]
     if page is not None:
-        write_output(page, trend_page(folder.name, found, rows, stars, pixels, maps))
+        write_output(page, trend_page(folder.name, found, rows, stars, pixels, maps, same))
+    notes = same + _too_little(found)
     return Result('trend', rows, {
         'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
             f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none',
         'hot pixels': ', '.join(
-            f'{pixel.tracker} {pixel.u} {pixel.v}' for pixel in pixels[:10]) or 'none'})
+            f'{pixel.tracker} {pixel.u} {pixel.v}' for pixel in pixels[:10]) or 'none',
+        **({'note': '; '.join(notes)} if notes else {})})
 
 
 def drift_rows(series: Series, search: StepSearch) -> list[TrendRow]:
@@ -237,7 +246,7 @@ def _name(series: Series, column: int) -> str:
 
 def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequence[TrendRow],
                stars: Sequence[StarRow], pixels: Sequence[PixelRow],
-               maps: Sequence[WidthMap]) -> str:
+               maps: Sequence[WidthMap], notes: Sequence[str] = ()) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
     style = resource('startracker_ros.tools.report', 'page.css')
     shown = [(series, search) for series, search in found if len(series.stamp_ns) >= _LEAST_BINS]
@@ -252,10 +261,14 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
         title=f'Trend of {name}', style=style, policy=content_policy(style),
         span=f'{utc(int(stamps.min()))} to {utc(int(stamps.max()))} UTC.' if len(stamps) else '',
         rows=_table(rows), stars=_table(stars[:_MOST_ROWS]), pixels=_table(pixels[:_MOST_ROWS]),
-        pictures=pictures, missing=[
-            f'{series.name}: too little data, {len(series.stamp_ns)} bins of a minute, '
+        pictures=pictures, missing=[*notes, *_too_little(found)])
+
+
+def _too_little(found: Sequence[tuple[Series, StepSearch]]) -> list[str]:
+    """Return which series are too short to be drawn."""
+    return [f'{series.name}: too little data, {len(series.stamp_ns)} bins of a minute, '
             f'{_LEAST_BINS} are drawn' for series, _ in found
-            if len(series.stamp_ns) < _LEAST_BINS])
+            if len(series.stamp_ns) < _LEAST_BINS]
 
 
 _LEAST_BINS = 10

@@ -154,3 +154,13 @@ def test_a_failure_of_reading_ends_it_by_name() -> None:
     assert listener.ended.wait(HANGS_S)
     assert str(listener.failure) == 'the disk was pulled out'
     assert listener.numbers() == [0, 1, 2, 3, 4]
+
+
+def test_an_offset_behind_the_end_is_named_and_a_stop_is_not() -> None:
+    assert run(start_offset_s=5.0, duration_s=2.0).playback.why_nothing == (
+        'nothing was played: no message from 5 s on for 2 s; the bag ends at 0.29 s')
+    paused = Listener(PlaybackOptions(start_paused=True))
+    paused.playback.start()
+    paused.playback.stop()
+    assert paused.ended.wait(HANGS_S) and paused.playback.why_nothing == ''
+    assert run().playback.why_nothing == ''

@@ -9,7 +9,7 @@ from typing import Any
 
 from hypothesis import given, settings, strategies as st
 from mcap.records import Schema
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 import numpy as np
 import pytest
 from rosbags.rosbag2 import (
@@ -18,7 +18,8 @@ from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 from startracker_ros.io.bags.errors import BagError, UnfinishedBagError
 from startracker_ros.io.bags.info import describe
-from startracker_ros.io.bags.reader import BagMessage, BagTopic, decode, read_messages, read_topics
+from startracker_ros.io.bags.reader import (
+    BagMessage, BagTopic, decode, read_messages, read_rates_hz, read_topics)
 from startracker_ros.io.bags.writer import BagOptions, BagWriter
 
 TYPE = 'geometry_msgs/msg/QuaternionStamped'
@@ -93,6 +94,58 @@ def test_bags_of_others(tmp_path: Path, store: Typestore, samples: dict[str, byt
     assert times_ns == [1, 2]
     assert read_topics(tmp_path / 'plain.mcap', tolerant=tolerant) == {
         '/plain': BagTopic('/plain', '', 2)}
+
+
+@pytest.mark.parametrize('options', [
+    {'index_types': IndexType.CHUNK}, {'index_types': IndexType.MESSAGE},
+    {'index_types': IndexType.NONE}, {'repeat_schemas': False}, {'repeat_channels': False},
+    {'use_statistics': False, 'repeat_schemas': False}, {'use_chunking': False},
+    {'use_summary_offsets': False, 'index_types': IndexType.CHUNK, 'use_statistics': False}],
+    ids=str)
+@pytest.mark.parametrize('slash', ['/', ''])
+def test_indexes_slashes_and_summaries_that_recorders_leave_out(
+        bag: Path, tmp_path: Path, options: dict[str, Any], slash: str) -> None:
+    path = tmp_path / 'theirs.mcap'
+    with open(path, 'wb') as file:
+        writer = Writer(file, chunk_size=4096, **options)
+        writer.start()
+        channels = {}
+        for message in read_messages(bag):
+            if message.topic not in channels:
+                # The type of one of them is defined only where its first message is.
+                writer.flush()
+                schema = writer.register_schema(message.type_name, 'ros2msg', b'')
+                channels[message.topic] = writer.register_channel(
+                    slash + message.topic.removeprefix('/'), 'cdr', schema)
+            writer.add_message(channels[message.topic], message.log_time_ns, message.data,
+                               message.publish_time_ns)
+        writer.finish()
+    result, problems = describe(path)
+    assert problems == []
+    assert [(row['topic'], row['type'], row['messages'], row['rate_hz'])
+            for row in result.records] == [('/attitude', TYPE, COUNT, 10.0),
+                                           ('/count', 'std_msgs/msg/Header', COUNT, 10.0)]
+    for topics in ((), ('/count',), ('/attitude',)):
+        ours, theirs = ([message[:-1] for message in read_messages(where, topics=topics)]
+                        for where in (bag, path))
+        assert theirs == ours
+
+
+def test_the_rate_is_that_of_the_messages_and_not_of_the_span(tmp_path: Path) -> None:
+    frames = [0.1 * number for number in range(20)]
+    times_s = {
+        # A camera that begins late and pauses; a gyro of 100 Hz that sends two at once; a map.
+        '/camera': [5.0 + time_s for time_s in frames] + [12.0 + time_s for time_s in frames],
+        '/gyro': [0.02 * (number // 2) + 1e-5 * (number % 2) for number in range(1000)],
+        '/map': [3.0], '/end': [0.0, 20.0], '/same': [7.0, 7.0, 7.0]}
+    with BagWriter(tmp_path / 'run') as writer:
+        for topic in times_s:
+            writer.add_topic(topic, 'std_msgs/msg/Header')
+        for time_s, topic in sorted((time_s, topic) for topic, times in times_s.items()
+                                    for time_s in times):
+            writer.write(topic, b'', round(time_s * 1e9), 0)
+    assert read_rates_hz(tmp_path / 'run') == {
+        '/camera': pytest.approx(10.0), '/gyro': pytest.approx(100.0), '/end': 0.05}
 
 
 def test_what_is_no_bag(tmp_path: Path) -> None:

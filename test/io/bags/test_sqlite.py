@@ -3,9 +3,14 @@
 
 """Bags of the storage sqlite3, written by rosbags as an outside oracle."""
 
+import ctypes
 from pathlib import Path
+import shutil
 import sqlite3
+import subprocess
+import sys
 
+from limits import HANGS_S
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -88,6 +93,45 @@ def test_the_tables_of_the_first_schema_are_read(tmp_path: Path) -> None:
     database.close()
     assert [message.data for message in read_messages(file)] == [b'0', b'1', b'2']
     assert read_topics(file)['/a'].schema.type_hash == ''
+
+
+def without_right_to_write() -> None:
+    """Take from root, as which tests may run, the right to write where the mode forbids it."""
+    drop_from_bounding_set, dac_override = 24, 1
+    ctypes.CDLL(None).prctl(drop_from_bounding_set, dac_override, 0, 0, 0)
+
+
+@pytest.mark.parametrize('left', [(), ('-wal',), ('-wal', '-shm')], ids=str)
+def test_a_bag_in_wal_mode_is_read_where_nothing_can_be_written(bag: Path, tmp_path: Path,
+                                                                left: tuple[str, ...]) -> None:
+    source, folder = next(bag.glob('*.db3')), tmp_path / 'disk'
+    database = sqlite3.connect(source)
+    database.execute('PRAGMA journal_mode = WAL')
+    # Messages that are in the log only, as a killed recorder leaves them.
+    database.execute('UPDATE messages SET timestamp = timestamp + 1')
+    database.commit()
+    if not left:
+        database.close()
+    folder.mkdir()
+    for end in ('', *left):
+        shutil.copy(f'{source}{end}', folder / f'run.db3{end}')
+    files = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert read_span_ns(folder) == (1, (COUNT - 1) * 10 ** 8 + 1)
+    assert describe(folder)[1] == []
+    assert {path.name for path in folder.iterdir()} == files.keys()
+    folder.chmod(0o555)
+    code = ('import sys; from pathlib import Path; from startracker_ros.io.bags import reader; '
+            'folder = Path(sys.argv[1]); '
+            'print(sum(1 for _ in reader.read_messages(folder)), reader.read_span_ns(folder)); '
+            '(folder / "new").touch()')
+    done = subprocess.run(
+        [sys.executable, '-c', code, str(folder)], capture_output=True, text=True,
+        timeout=HANGS_S, preexec_fn=without_right_to_write)
+    folder.chmod(0o755)
+    assert done.stdout == f'{COUNT} (1, {(COUNT - 1) * 10 ** 8 + 1})\n', done.stderr
+    assert 'PermissionError' in done.stderr
+    assert {path.name for path in folder.iterdir()} == files.keys()
+    database.close()
 
 
 def test_damage_is_reported_after_what_is_intact(bag: Path) -> None:

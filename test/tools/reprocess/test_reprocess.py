@@ -279,6 +279,42 @@ def test_frames_of_two_bags_with_the_same_stamps_are_not_mixed(copied_run):
     assert same['first_divergent'] == same['first_divergent_bag'] == ''
 
 
+def test_bags_of_the_same_times_are_named(finished_run, copied_run, tmp_path):
+    for result in (compare(copied_run, copied_run), trend(copied_run, None, 5800.0)):
+        assert 'both hold frames' not in result.conditions.get('note', '')
+    for path in [*(copied_run / 'tables').rglob('*.parquet')]:
+        shutil.copy(path, path.with_name(f'other_{path.stem.rpartition("_")[2]}.parquet'))
+    words = (r'head_1: the bags flight\S+ and other both hold frames of '
+             r'2026-01-01T00:00:00\S* to 2026-01-01T00:0\S+: for figures of one')
+    for result in (compare(finished_run[0], copied_run),
+                   trend(copied_run, tmp_path / 'trend.html', 5800.0)):
+        assert re.search(words, result.conditions['note']), result.conditions
+    assert re.search(words, (tmp_path / 'trend.html').read_text())
+
+
+def test_a_run_without_frames_says_so(flight, reprocess, tmp_path):
+    """Of clouds that nothing can be read of: two commands, two reasons."""
+    topics = read_topics(next(flight.glob('flight_*')))
+    with BagWriter(tmp_path / 'bag') as writer:
+        for topic in topics.values():
+            writer.add_topic(topic.name, topic.type_name)
+        for message in read_messages(next(flight.glob('flight_*'))):
+            data = message.data
+            if message.topic.endswith('/centroids'):
+                data = data[:60]
+            writer.write(message.topic, data, message.log_time_ns, message.log_time_ns)
+    done = invoke('reprocess', str(tmp_path / 'bag'), '-o', str(tmp_path / 'run'), '--workers',
+                  '1')
+    assert done.exit_code == 1
+    assert re.search(r'no frame was processed: bag: /head_1/centroids: .*; see errors.json\n$',
+                     done.stderr), done.stderr
+    with pytest.raises(BagError, match='the run has no frames, see errors.json'):
+        trend(tmp_path / 'run', None, 5800.0)
+    with pytest.raises(BagError, match='head_1: the runs have no frame in common: one is of '
+                                       'nothing'):
+        compare(tmp_path / 'run', tmp_path / 'run')
+
+
 @pytest.mark.parametrize('write', [
     lambda run, path: trend(run, path, 5800.0), lambda run, path: compare(run, run, path),
     lambda run, path: tracklets(run, path, 'ME')])
