@@ -27,7 +27,7 @@ from startracker_ros.core.identify.ladder import Attempt, ATTEMPTS, LadderIdenti
 from startracker_ros.core.identify.searched_fields import HIGHEST_DEG, LOWEST_DEG
 from startracker_ros.core.identify.tiled import Fields, Place, TiledIdentifier
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
+    conjugate, matrix_from_quaternion, multiply, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
@@ -148,8 +148,8 @@ class PhotographSolver:
             found = _identification(attempt, lens, search.attempts * self._count, observer)
             if best is None or lens.matched > best.matched:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                                SkyMapping(lens.camera, lens.axis_quaternion), seen,
-                                nominal if search.any_field else None)
+                                SkyMapping(lens.camera, lens.attitude.quaternion), seen,
+                                nominal if search.any_field else None, fitted=True)
         if best is not None:
             return best
         most = max(lists, key=len)
@@ -187,7 +187,8 @@ def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
     if solved is None:
         return ''
     _, lens = solved
-    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
+    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(
+        multiply(lens.attitude.quaternion, lens.camera.middle_axes)))
     return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
             f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
@@ -263,7 +264,7 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
     """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
     matched = lens.star >= 0
     magnitude = np.where(matched, attempt.onboard.magnitude[lens.star], np.nan)
-    mapping = SkyMapping(lens.camera, lens.axis_quaternion)
+    mapping = SkyMapping(lens.camera, lens.attitude.quaternion)
     seen, spots = bodies.in_image(mapping), bodies.spots(mapping, attempt.centroids, magnitude)
     if (spots & matched).any():
         found = attempt.identification
@@ -283,23 +284,26 @@ def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
     magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
     false_alarm = attempt.identification.false_alarm_probability * attempts
     centroids = attempt.centroids.select(known)
-    attitude = _apparent(lens.attitude, observer, lens.camera.unproject(centroids.uv),
+    attitude = _apparent(lens.attitude, lens.camera, observer, centroids.uv,
                          np.hypot(centroids.sigma_px, lens.sigma_px))
     return Identification('identified', f'{lens.matched} stars', hip, magnitude,
                           lens.residual_px, attitude, lens.focal_ratio, min(false_alarm, 1.0))
 
 
-def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
+def _apparent(attitude: AttitudeEstimate, camera: Camera, observer: Observer, uv: np.ndarray,
               sigma: np.ndarray) -> AttitudeEstimate:
     """
     Return an attitude that was fitted to directions without aberration, with it.
 
-    sensor (N, 3) and sigma (N,) are those of velocity_covariance().
+    The lens has what differs from that of the middle of the image. uv (N, 2) px with sigma (N,)
+    are the stars.
     """
     if observer.vantage is None:
         return attitude
-    axes = matrix_from_quaternion(attitude.quaternion)
+    axes = matrix_from_quaternion(multiply(attitude.quaternion, camera.middle_axes))
     z, y = apparent_directions(
         np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
-    return with_velocity_error(replace(attitude, quaternion=quaternion_from_axes(z, y)),
-                               observer.velocity_sigma_m_s, sensor, sigma)
+    quaternion = multiply(quaternion_from_axes(z, y), conjugate(camera.middle_axes))
+    return with_velocity_error(
+        replace(attitude, quaternion=-quaternion if quaternion[3] < 0 else quaternion),
+        observer.velocity_sigma_m_s, camera.unproject(uv), sigma)

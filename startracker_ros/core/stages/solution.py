@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
-from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion
+from startracker_ros.core.maths.rotation import ARCSEC, multiply, pointing_from_quaternion
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 
@@ -22,8 +22,10 @@ class Solution:
     What one image shows.
 
     camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
-    identified, and bodies, which are no centroids of it, are known only then. For an uncalibrated
-    camera +z of the attitude is the middle of the image, else the optical axis of the camera.
+    identified, and bodies, which are no centroids of it, are known only then. The attitude is that
+    of the sensor axes of camera, +z its optical axis: star directions turned by it and projected
+    by camera are the pixels of the stars. Pointing and roll are those of the middle of the image
+    where the lens is fitted to it (fitted), else of the optical axis of a calibrated camera.
     dropped is the nominal camera where the image has another field of view. turned_over is whether
     the rows are in the other order than those of the image that was given, a mirrored one.
     """
@@ -36,6 +38,7 @@ class Solution:
     bodies: tuple[BodyInImage, ...] = ()
     dropped: Camera | None = None
     turned_over: bool = False
+    fitted: bool = False
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':
@@ -66,7 +69,7 @@ class Solution:
 
     @property
     def quaternion(self) -> np.ndarray | None:
-        """q_icrf_from_sensor (4,), None without an attitude."""
+        """q_icrf_from_sensor (4,) of the axes of camera, None without an attitude."""
         attitude = self.identification.attitude
         return None if attitude is None else attitude.quaternion
 
@@ -78,12 +81,12 @@ class Solution:
 
     @property
     def ra_deg(self) -> float:
-        """Right ascension of +z of the sensor, NaN without an attitude."""
+        """Right ascension of the middle of the image, or of a calibrated axis; else NaN."""
         return self._pointing_deg[0]
 
     @property
     def dec_deg(self) -> float:
-        """Declination of +z of the sensor, NaN without an attitude."""
+        """Declination of the middle of the image, or of a calibrated axis; else NaN."""
         return self._pointing_deg[1]
 
     @property
@@ -118,5 +121,8 @@ class Solution:
     def _pointing_deg(self) -> tuple[float, float, float]:
         if self.quaternion is None:
             return float('nan'), float('nan'), float('nan')
-        ra_deg, dec_deg, roll_deg = np.degrees(pointing_from_quaternion(self.quaternion))
+        axes = self.quaternion
+        if self.fitted:
+            axes = multiply(axes, self.camera.middle_axes)
+        ra_deg, dec_deg, roll_deg = np.degrees(pointing_from_quaternion(axes))
         return float(ra_deg), float(dec_deg), float(roll_deg)
