@@ -36,10 +36,8 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 # user, of its narrow fields near a position, and anywhere.
 _SEARCHES, _TILED_SEARCHES = 2, 2
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
-# explains: these are searched too. Where the field is given it is mostly right.
+# explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
-# Where so narrow a field is given the camera is no fisheye, however wrong the field is.
-_TELE_RAD = np.radians(45.0)
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -47,9 +45,8 @@ class _Search(NamedTuple):
     """
     How one image is searched.
 
-    any_field is whether that is of other fields than of the camera; coarse says why its pixels
-    resolve no stars, empty if they do. A lens of up to enough_deg that an earlier search finds
-    needs no such search where no field is given.
+    any_field is whether that is of other fields than of the camera. A lens of up to enough_deg
+    that an earlier search of any field finds needs no such search.
     """
 
     camera: Camera
@@ -60,15 +57,14 @@ class _Search(NamedTuple):
     fields: str
     enough_deg: float = _WIDEST_GIVEN_DEG
     any_field: bool = True
-    coarse: str = ''
 
 
 class PhotographSolver:
     """
     Solves photographs at one epoch; the lens is fitted to each.
 
-    A nominal camera is believed first, then any field of view is searched: both together are as
-    strict as one identification. Lenses of which nothing is known, not the centre either, are the
+    A nominal camera is believed first, then any field of view is searched as if none were given:
+    both together are as strict as one identification. Lenses of which nothing is known, not the centre either, are the
     last, and certain: of cropped images, and fisheyes. A catalogue of the user is
     searched before all others, for the narrow fields that it is made for.
     """
@@ -115,24 +111,24 @@ class PhotographSolver:
         The lists are tried in turn; remark is what else may be the reason for no solution.
         """
         searches = [
-            _any_field(self._blind, shape, nominal),
+            _any_field(self._blind, shape),
             _unknown_lens(self._unknown, shape, RECTILINEAR,
-                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG)]
-        if nominal is None or max(nominal.fov_x_rad, nominal.fov_y_rad) > _TELE_RAD:
-            searches.append(_unknown_lens(
-                self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG))
-        if nominal is not None:
+                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
+            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
+        narrow, lacks = self._narrow(nominal, shape, place)
+        coarse = '' if nominal is None else _coarse(nominal)
+        if coarse:
+            lacks.append(coarse)
+        elif nominal is not None:
             searches.insert(0, self._known(nominal))
-        narrow, lack = self._narrow(nominal, shape, place)
         searches[:0] = narrow
         first = searches[0]
-        if first.coarse:
-            return Solution.none(first.camera, next(iter(lists)), 'too_small', first.coarse)
         rejected = ''
         best: Solution | None = None
         for search in searches:
-            enough_deg = search.enough_deg if nominal is None else _WIDEST_GIVEN_DEG
-            if best is not None and best.fov_deg <= enough_deg:
+            given = best is not None and best.dropped is None and nominal is not None
+            enough_deg = _WIDEST_GIVEN_DEG if given else search.enough_deg
+            if best is not None and best.camera.seen_x_rad <= np.radians(enough_deg):
                 continue
             solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
@@ -156,17 +152,16 @@ class PhotographSolver:
         unexplained = (f'{len(most)} spots, no lens of '
                        f'{" and none of ".join(search.fields for search in searches)} explains '
                        'them as stars: another --fov-deg, or no night sky')
-        if lack:
-            unexplained += f'; {lack}'
+        unexplained = '; '.join([unexplained, *lacks])
         return Solution.none(first.camera, most, 'no_candidate',
                              rejected or remark or unexplained)
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
-                ) -> tuple[list[_Search], str]:
+                ) -> tuple[list[_Search], list[str]]:
         """Return the searches with the catalogue of the user, and what it lacks for others."""
         searches, lacks = list[_Search](), list[str]()
         if self._tiled is None:
-            return searches, ''
+            return searches, lacks
         for one in (None,) if place is None else (place, None):
             fields = self._tiled.fields_about(nominal, self._fov_error, one)
             if fields is None:
@@ -176,7 +171,7 @@ class PhotographSolver:
                 searches.append(_with_tiles(self._tiled, shape, fields, one, nominal))
             elif one is place:
                 lacks.append(lack)
-        return searches, '; '.join(lacks)
+        return searches, lacks
 
 
 def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
@@ -199,13 +194,19 @@ def _likely(shape: tuple[int, int]) -> Camera:
     return Camera.from_fov(width, height, LIKELY_DEG)
 
 
-def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], nominal: Camera | None
-               ) -> _Search:
-    """Return the search of an image of shape (H, W) of any field, short after a nominal one."""
-    identify = identifier.identify if nominal is None else identifier.identify_quickly
+def _coarse(nominal: Camera) -> str:
+    """Return why the pixels of a nominal camera resolve no stars, empty if they do."""
+    pixel_deg = float(np.degrees(nominal.pixel_rad))
+    return (f'of {np.degrees(nominal.fov_x_rad):.3g} deg a pixel is {pixel_deg:.2g} deg wide: '
+            f'more than {COARSEST_PIXEL_DEG} resolves no stars'
+            if pixel_deg > COARSEST_PIXEL_DEG else '')
+
+
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int]) -> _Search:
+    """Return the search of an image of shape (H, W) of any field."""
     return _Search(
         _likely(shape),
-        lambda lists: identify(lists, shape),
+        lambda lists: identifier.identify(lists, shape),
         lambda lists: identifier.identify_quickly(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS,
         f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg')
@@ -236,13 +237,10 @@ def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], len
 
 def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:
     """Return the search of all images of a nominal camera."""
-    pixel_deg = float(np.degrees(camera.pixel_rad))
-    coarse = (f'a pixel is {pixel_deg:.2g} deg wide: more than {COARSEST_PIXEL_DEG} resolves no '
-              'stars' if pixel_deg > COARSEST_PIXEL_DEG else '')
     ladder = LadderIdentifier(camera, epoch_year, options)
     return _Search(camera, ladder.identify, ladder.identify_mirrored,
                    options.fov_error_percent / 100, ATTEMPTS,
-                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False, coarse=coarse)
+                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False)
 
 
 def first_lens(attempts: Iterable[Attempt], fov_error: float

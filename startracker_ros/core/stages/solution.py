@@ -14,6 +14,7 @@ from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 
 MIN_STARS = 4
+_FARTHEST_STARS = 1.15  # so much farther than its stars the lens of a fisheye is known
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,24 @@ class Solution:
 
     @property
     def fov_deg(self) -> float:
-        """Horizontal field of view of the camera with its distortion, NaN without an attitude."""
-        return float(np.degrees(self.camera.seen_x_rad)) if self.solved else float('nan')
+        """
+        Horizontal field of view of the camera with its distortion, NaN without an attitude.
+
+        NaN as well for a fisheye whose lens is fitted to stars that are far from these edges: all
+        beyond its stars, as the black margin, is extrapolated.
+        """
+        if not self.solved or self.fitted and self.camera.model.equidistant and self._beyond_stars:
+            return float('nan')
+        return float(np.degrees(self.camera.seen_x_rad))
+
+    @property
+    def _beyond_stars(self) -> bool:
+        """Return whether the left or right edge is much farther from the axis than all stars."""
+        camera = self.camera
+        uv = self.centroids.uv[self.identification.hip > 0]
+        stars_px = np.hypot(uv[:, 0] - camera.cx, uv[:, 1] - camera.cy).max()
+        edge_px = max(camera.cx + 0.5, camera.width - 0.5 - camera.cx)
+        return bool(edge_px > _FARTHEST_STARS * stars_px)
 
     @property
     def matched(self) -> int:

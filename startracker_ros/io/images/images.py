@@ -16,6 +16,7 @@ import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
+from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
 from startracker_ros.io.images import fits_image
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.exif import read_exif, Taken, upright
@@ -236,6 +237,17 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
         return load_camera(camera_file)
     _ideal_camera(1, 1, fov_deg, distortion_model)
     return None
+
+
+def told_camera(width: int, height: int, fov_deg: float) -> Camera | None:
+    """
+    Return the ideal camera of a field of view, None for one so wide that no such lens has it.
+
+    CameraError for an impossible field.
+    """
+    wide = fov_deg > HIGHEST_DEG
+    camera = _ideal_camera(width, height, fov_deg, EQUIDISTANT if wide else PLUMB_BOB)
+    return None if wide else camera
 
 
 def _ideal_camera(width: int, height: int, fov_deg: float | None,

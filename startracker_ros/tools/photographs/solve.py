@@ -29,9 +29,9 @@ from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
-from startracker_ros.io.images.camera_files import is_wcs
+from startracker_ros.io.images.camera_files import is_wcs, load_camera
 from startracker_ros.io.images.images import (
-    calibrated_camera, camera_of, ImageError, Photograph, read_photograph)
+    camera_of, ImageError, Photograph, read_photograph, told_camera)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.table import Result
@@ -145,8 +145,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue; an
     unreadable image is a row of its own.
     """
-    blind = fov_deg is None and camera_file is None
-    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options,
+    if fov_deg is not None:
+        told_camera(1, 1, fov_deg)
+    solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
@@ -169,7 +170,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             turned_over.append(shot.label)
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
-                           f'given, {solution.fov_deg:.3g} fits')
+                           f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
         rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
         outputs.write(shot.output, photograph, solution, when.year)
@@ -233,7 +234,8 @@ class Solvers:
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
-            nominal = None if fov_deg is None else camera_of(path, image, None, fov_deg)
+            height, width = image.shape
+            nominal = None if fov_deg is None else told_camera(width, height, fov_deg)
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
             start_s = time.perf_counter()
