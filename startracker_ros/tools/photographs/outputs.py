@@ -18,10 +18,12 @@ from startracker_ros.core.stages.sky_marks import (
     BODY, mark_bodies, mark_figures, mark_named_stars, mark_scale, NAMED)
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import Photograph
+from startracker_ros.io.images.wcs_file import header_directions
 from startracker_ros.io.output import output_folder, write_output
 
 
 Colour = tuple[int, int, int]
+_MOST_WCS_ERROR_PX = 0.5  # of a star
 _FONT, _TEXT, _SMALLEST_TEXT = cv2.FONT_HERSHEY_SIMPLEX, (235, 235, 235), 0.5
 
 
@@ -43,7 +45,8 @@ class Outputs:
             write_output(output_folder(self.annotate_folder) / f'{name}.png', content)
         if self.wcs_folder is not None and solution.sky is not None:
             write_output(output_folder(self.wcs_folder) / f'{name}.wcs',
-                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
+                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up,
+                                   solution.centroids.uv[solution.identification.hip > 0]))
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
@@ -98,8 +101,17 @@ def captioned(picture: np.ndarray, lines: Sequence[tuple[str, Colour]]) -> np.nd
     return np.vstack([picture, strip])
 
 
-def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:
-    """Return the FITS header of an image with columns and rows in the order of its file."""
+class WcsError(ValueError):
+    """An image of which no FITS header says where its stars are."""
+
+
+def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False,
+              stars_px: np.ndarray = np.empty((0, 2))) -> bytes:
+    """
+    Return the FITS header of an image with columns and rows in the order of its file.
+
+    WcsError where it has the pixels stars_px (N, 2) of the image elsewhere on the sky.
+    """
     camera = sky.camera
     turned = np.array([mirrored, bottom_up])
     last = np.array([camera.width, camera.height]) - 1.0
@@ -108,6 +120,17 @@ def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) 
         """Return pixels of the file as those of the image, or the other way."""
         return np.where(turned, last - pixels, pixels)
 
-    sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
-                  other(np.array([camera.cx, camera.cy])))
-    return wcs_header(sip, camera.width, camera.height)
+    try:
+        sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
+                      other(np.array([camera.cx, camera.cy])),
+                      camera.distortion if camera.model.equidistant else None)
+    except np.linalg.LinAlgError as error:
+        raise WcsError(f'no FITS projection has its lens: {error}') from error
+    header = wcs_header(sip, camera.width, camera.height)
+    # As a reader has it, by the text alone.
+    off_px = np.abs(sky.pixels(header_directions(header, other(stars_px))) - stars_px)
+    if not (off_px < _MOST_WCS_ERROR_PX).all():
+        raise WcsError(f'no FITS projection has its lens: the best one has stars '
+                       f'{np.nanmax(off_px):.2g} px off, at most {_MOST_WCS_ERROR_PX:g} px are '
+                       'written')
+    return header
