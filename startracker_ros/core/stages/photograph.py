@@ -98,17 +98,15 @@ class PhotographSolver:
             if len(most) < MIN_STARS:
                 camera = _likely(image.shape) if nominal is None else nominal
                 return Solution.none(camera, most, extraction.status, extraction.reason)
-        return self.solve_lists(
-            detections, image.shape, nominal, observer, bodies, place, extraction.reason)
+        return self.solve_lists(detections, image.shape, nominal, observer, bodies, place)
 
     def solve_lists(self, lists: Iterable[Centroids], shape: tuple[int, int],
                     nominal: Camera | None = None, observer: Observer = AT_REST,
-                    bodies: Bodies = Bodies(), place: Place | None = None, remark: str = ''
-                    ) -> Solution:
+                    bodies: Bodies = Bodies(), place: Place | None = None) -> Solution:
         """
         Return what solve() does, from lists of the spots of an image of shape (H, W) px.
 
-        The lists are tried in turn; remark is what else may be the reason for no solution.
+        The lists are tried in turn.
         """
         searches = [
             _any_field(self._blind, shape),
@@ -149,12 +147,12 @@ class PhotographSolver:
         if best is not None:
             return best
         most = max(lists, key=len)
-        unexplained = (f'{len(most)} spots, no lens of '
-                       f'{" and none of ".join(search.fields for search in searches)} explains '
-                       'them as stars: another --fov-deg, or no night sky')
-        unexplained = '; '.join([unexplained, *lacks])
-        return Solution.none(first.camera, most, 'no_candidate',
-                             rejected or remark or unexplained)
+        tried = ', '.join(search.fields for search in searches)
+        unexplained = '; '.join([
+            f'{len(most)} detections, but no known stars among them; searched: {tried}',
+            *([f'the best try: {rejected}'] if rejected else []), *lacks,
+            'if it is the night sky: focus, expose longer, or subtract a dark frame'])
+        return Solution.none(first.camera, most, 'no_candidate', unexplained)
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
                 ) -> tuple[list[_Search], list[str]]:

@@ -3,7 +3,7 @@
 
 """Files that solve writes for each image."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import textwrap
@@ -34,17 +34,35 @@ class Outputs:
     annotate_folder: Path | None = None
     wcs_folder: Path | None = None
 
-    def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
-        """Write the files of one image of a Julian year under a name without a suffix."""
+    def check(self) -> None:
+        """Make the folders; OutputError where that fails, before long work and not after it."""
+        for folder in (self.annotate_folder, self.wcs_folder):
+            if folder is not None:
+                output_folder(folder)
+
+    @property
+    def writers(self) -> tuple[Callable[[str, Photograph, Solution, float], None], ...]:
+        """
+        Return what writes the file of each kind.
+
+        Each is called with a name without a suffix, an image, its solution and its Julian year.
+        OutputError, and WcsError of image_wcs().
+        """
+        return self._write_picture, self._write_wcs
+
+    def _write_picture(self, name: str, photograph: Photograph, solution: Solution, year: float
+                       ) -> None:
         if self.annotate_folder is not None:
             picture = captioned(
                 annotated(photograph.image, solution.centroids.uv, solution.identification.hip,
                           solution.sky, year, solution.bodies), caption(name, solution, year))
             # In memory: OpenCV reports a full disk on stderr alone.
             content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
-            write_output(output_folder(self.annotate_folder) / f'{name}.png', content)
+            write_output(self.annotate_folder / f'{name}.png', content)
+
+    def _write_wcs(self, name: str, photograph: Photograph, solution: Solution, _: float) -> None:
         if self.wcs_folder is not None and solution.sky is not None:
-            write_output(output_folder(self.wcs_folder) / f'{name}.wcs',
+            write_output(self.wcs_folder / f'{name}.wcs',
                          image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up,
                                    solution.centroids.uv[solution.identification.hip > 0]))
 
@@ -71,9 +89,9 @@ def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMappin
 
 def caption(name: str, solution: Solution, year: float) -> list[tuple[str, Colour]]:
     """Return what stands below a picture: what it shows, and what its marks mean."""
+    field = '' if np.isnan(solution.fov_deg) else f'field {solution.fov_deg:.3f} deg, '
     found = (f'RA {solution.ra_deg:.4f} deg, Dec {solution.dec_deg:+.4f} deg, roll '
-             f'{solution.roll_deg:.2f} deg, field {solution.fov_deg:.3f} deg, '
-             f'{solution.matched} stars, residual {solution.residual_arcsec:.2f} arcsec, '
+             f'{solution.roll_deg:.2f} deg, {field}{solution.matched} stars, residual {solution.residual_arcsec:.2f} arcsec, '
              f'ICRS, epoch J{year:.2f}'
              if solution.sky is not None else f'not solved: {solution.reason}')
     lines = [(f'{name}: {found}', _TEXT)]

@@ -34,12 +34,13 @@ from startracker_ros.io.images.images import (
     camera_of, ImageError, Photograph, read_photograph, told_camera)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
+from startracker_ros.io.several_files import one_of_several
 from startracker_ros.io.table import Result
 from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.tools.photographs.outputs import Outputs
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'not_written')
 """Columns that are too wide for the terminal."""
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
@@ -74,7 +75,8 @@ class Shot(NamedTuple):
 def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iterator[Shot]:
     """Yield the photographs of files, of videos the selected frames; names are of output."""
     for path, name in zip(paths, names):
-        try:
+        errors = list[str]()
+        with one_of_several(errors.append):
             if not is_video(path):
                 yield Shot(path, name, read_photograph(path))
                 continue
@@ -84,9 +86,9 @@ def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iter
                 yield Shot(path, f'{name}_frame{number:05d}', Photograph(image), frame=number,
                            time_s=time_s)
             if number is None:
-                yield Shot(path, name, error=f'{path}: --frames selects no frame of it')
-        except ImageError as error:
-            yield Shot(path, name, error=str(error))
+                raise ImageError(f'{path}: --frames selects no frame of it')
+        for error in errors:
+            yield Shot(path, name, error=error)
 
 
 def output_names(paths: Sequence[Path]) -> list[str]:
@@ -142,26 +144,30 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     EXIF, else today. mirror flips each image from left to right first; the result is that of the
     flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
     selection is that of the frames of videos and of animated or paged files, each of which is a
-    row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue; an
-    unreadable image is a row of its own.
+    row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue,
+    OutputError for an impossible folder of outputs; an unreadable image is a row of its own, and
+    so is one that fails otherwise.
     """
+    outputs.check()
     if fov_deg is not None:
         told_camera(1, 1, fov_deg)
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
+    not_written = list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
+        row = _row(shot, None, float('nan')) | {'status': 'unreadable', 'reason': shot.error}
+        rows.append(row)
         if shot.photograph is None:
-            rows.append(_unreadable(shot, shot.error))
             continue
         photograph = shot.photograph.mirror() if mirror else shot.photograph
-        when = epoch_of(epoch_year, photograph.taken)
-        observer = observer_site.observer(when)
-        try:
+        solution: Solution | None = None
+        with one_of_several(partial(row.__setitem__, 'reason')):
+            when = epoch_of(epoch_year, photograph.taken)
+            observer = observer_site.observer(when)
             solution, solve_ms = solvers.solve(
                 shot.path, photograph, when, observer, observer_site.bodies(when), near_deg)
-        except ImageError as error:
-            rows.append(_unreadable(shot, str(error)))
+        if solution is None:
             continue
         whens.append(when)
         observers.append(observer)
@@ -171,9 +177,12 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
                            f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
-        rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
-                     'epoch_from': when.source})
-        outputs.write(shot.output, photograph, solution, when.year)
+        row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
+        for write in outputs.writers:
+            with one_of_several(partial(row.__setitem__, 'not_written')):
+                write(shot.output, photograph, solution, when.year)
+        if row['not_written']:
+            not_written.append(f'{shot.label}: {row["not_written"]}')
     whens = whens or [epoch_of(epoch_year)]
     observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
@@ -182,6 +191,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         **fit, **({'mirror': True} if mirror else {}),
         **({'fov_deg': '; '.join(dropped)} if dropped else {}),
         **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
+        **({'not written': '; '.join(not_written)} if not_written else {}),
         'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
@@ -269,15 +279,11 @@ def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
                  console=Console(stderr=True), transient=True)
 
 
-def _unreadable(shot: Shot, reason: str) -> dict[str, object]:
-    return {**_row(shot, None, float('nan')), 'status': 'unreadable', 'reason': reason}
-
-
 def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
     numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
     row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
            'matched': 0, 'solve_ms': solve_ms, 'reason': '', **dict.fromkeys(DETAILS),
-           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s}
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
     if solution is None:
         return row
     row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
