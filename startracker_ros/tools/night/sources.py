@@ -54,15 +54,19 @@ def timed_images(source: Path, start_year: float | None, interval_s: float | Non
     if is_bag(source):
         yield from _of_bag(source, namespace)
     elif is_video(source):
-        begin_ns = _begin_ns(source, start_year)
+        begin_ns = 0
         for frame in frames(source):
+            if not frame.number:
+                begin_ns = _begin_ns(source, start_year, frame.taken)
+            elif interval_s is None and not frame.time_s:
+                raise NightError(f'{source}: no times in it, --interval-s is needed')
             time_s = frame.time_s if interval_s is None else frame.number * interval_s
             yield TimedImage(begin_ns + round(time_s * 1e9), frame.image)
     else:
         yield from _of_files(source, start_year, interval_s, zone_needed)
 
 
-def _begin_ns(source: Path, start_year: float | None, taken: Taken | None = None) -> int:
+def _begin_ns(source: Path, start_year: float | None, taken: Taken | None) -> int:
     """Return the stamp of the first image, the given one or that of its file."""
     if start_year is not None:
         return stamp_from_epoch_year(start_year)

@@ -30,6 +30,7 @@ from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 from startracker_ros.io.images.camera_files import is_wcs, load_camera
+from startracker_ros.io.images.dark import read_dark
 from startracker_ros.io.images.images import (
     camera_of, ImageError, Photograph, read_photograph, told_camera)
 from startracker_ros.io.images.video import frames, is_video
@@ -81,10 +82,10 @@ def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iter
                 yield Shot(path, name, read_photograph(path))
                 continue
             number = None
-            for number, time_s, image in islice(
+            for number, time_s, image, taken in islice(
                     frames(path), selection.start, selection.stop, selection.step):
-                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image), frame=number,
-                           time_s=time_s)
+                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image, taken=taken),
+                           frame=number, time_s=time_s)
             if number is None:
                 raise ImageError(f'{path}: --frames selects no frame of it')
         for error in errors:
@@ -133,6 +134,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
                 selection: slice = slice(None), outputs: Outputs = Outputs(),
                 catalogue: Path | None = None, near_deg: tuple[float, float] | None = None,
+                dark_file: Path | None = None,
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
@@ -144,11 +146,13 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     EXIF, else today. mirror flips each image from left to right first; the result is that of the
     flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
     selection is that of the frames of videos and of animated or paged files, each of which is a
-    row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue,
+    row. dark_file is a dark frame or a list of bad pixels (dark.py), of all images; ImageError
+    where it cannot be read. CameraError for an impossible camera, CatalogueError for a folder without a catalogue,
     OutputError for an impossible folder of outputs; an unreadable image is a row of its own, and
     so is one that fails otherwise.
     """
     outputs.check()
+    dark = None if dark_file is None else read_dark(dark_file)
     if fov_deg is not None:
         told_camera(1, 1, fov_deg)
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
@@ -160,9 +164,11 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         rows.append(row)
         if shot.photograph is None:
             continue
-        photograph = shot.photograph.mirror() if mirror else shot.photograph
+        photograph = shot.photograph
         solution: Solution | None = None
         with one_of_several(partial(row.__setitem__, 'reason')):
+            photograph = photograph if dark is None else dark.subtracted(photograph)
+            photograph = photograph.mirror() if mirror else photograph
             when = epoch_of(epoch_year, photograph.taken)
             observer = observer_site.observer(when)
             solution, solve_ms = solvers.solve(
