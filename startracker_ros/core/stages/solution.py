@@ -3,7 +3,7 @@
 
 """What one image shows: its stars, attitude and camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -52,6 +52,12 @@ class Solution:
         nothing = Identification(status, reason, np.zeros(count, np.int32),
                                  np.full(count, np.nan), np.full(count, np.nan), None, 1.0, 1.0)
         return cls(centroids, nothing, camera)
+
+    def of_tries(self, count: int) -> 'Solution':
+        """Return the solution as that of one of so many searches."""
+        found = self.identification
+        return replace(self, identification=replace(found, false_alarm_probability=min(
+            count * found.false_alarm_probability, 1.0)))
 
     @property
     def solved(self) -> bool:

@@ -21,6 +21,7 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.centroid.hits import without_clusters
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
@@ -233,8 +234,9 @@ class Solvers:
         """
         Return the solution of an image and its time in ms; ImageError.
 
-        A mirrored image is turned over where the order of its rows is not known. near_deg is that
-        of solve_files().
+        A mirrored image is turned over where the order of its rows is not known, and clusters of
+        hot pixels are removed where an image has no solution with them. near_deg is that of
+        solve_files().
         """
         near_deg = near_deg or photograph.pointing_deg
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
@@ -243,6 +245,13 @@ class Solvers:
             solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies,
                                             place)
             return replace(solution, turned_over=True), time_ms + more_ms
+        if not solution.solved:
+            # Sharp stars of compressed images look like such clusters: these are no first choice.
+            clean = without_clusters(photograph.image)
+            if clean is not photograph.image:
+                cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,
+                                               observer, bodies, place)
+                return (cleaned.of_tries(2) if cleaned.solved else solution), time_ms + more_ms
         return solution, time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
