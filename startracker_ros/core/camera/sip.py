@@ -85,7 +85,8 @@ def _fit(directions: Directions, width: int, height: int, reference_px: np.ndarr
     def seen_from(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return offsets (N, 2) from the reference and plane coordinates (N, 2) deg of pixels."""
         pixels = _grid(width, height, nodes)
-        direction = directions(pixels)
+        with np.errstate(invalid='ignore'):
+            direction = directions(pixels)
         seen = np.isfinite(direction).all(axis=1)
         return pixels[seen] - reference_px, np.degrees(
             _on_plane(direction[seen], axis, radial))

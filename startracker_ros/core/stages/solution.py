@@ -109,18 +109,19 @@ class Solution:
         NaN as well for a fisheye whose lens is fitted to stars that are far from these edges: all
         beyond its stars, as the black margin, is extrapolated.
         """
-        if not self.solved or self.fitted and self.camera.model.equidistant and self._beyond_stars:
+        if not self.solved or self.fitted and self.camera.model.equidistant and self._margin:
             return float('nan')
         return float(np.degrees(self.camera.seen_x_rad))
 
     @property
-    def _beyond_stars(self) -> bool:
-        """Return whether the left or right edge is much farther from the axis than all stars."""
+    def _margin(self) -> bool:
+        """Return whether the left or right edge is outside of the circle, or far from all stars."""
         camera = self.camera
+        edges = np.array([[-0.5, camera.cy], [camera.width - 0.5, camera.cy]])
         uv = self.centroids.uv[self.identification.hip > 0]
         stars_px = np.hypot(uv[:, 0] - camera.cx, uv[:, 1] - camera.cy).max()
-        edge_px = max(camera.cx + 0.5, camera.width - 0.5 - camera.cx)
-        return bool(edge_px > _FARTHEST_STARS * stars_px)
+        return bool(np.abs(edges[:, 0] - camera.cx).max() > _FARTHEST_STARS * stars_px
+                    or np.isnan(camera.unproject(edges)).any())
 
     @property
     def matched(self) -> int:
