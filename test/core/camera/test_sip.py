@@ -107,7 +107,8 @@ def test_a_header_that_has_the_stars_elsewhere_is_not_written():
     # In the middle it is right.
     assert image_wcs(sky, stars_px=np.array([[500.0, 480.0], [300.0, 400.0]]))
     with pytest.raises(WcsError, match='stars .* px off'):
-        image_wcs(sky, stars_px=np.array([[500.0, 480.0], [998.0, 2.0]]))
+        image_wcs(sky, stars_px=np.stack(np.meshgrid(
+            np.linspace(0, 999, 15), np.linspace(0, 999, 15)), -1).reshape(-1, 2))
 
 
 def test_pixels_count_from_one():
