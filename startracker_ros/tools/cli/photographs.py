@@ -159,7 +159,7 @@ Examples:
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
-              help='Folder for a FITS header of each solved image, TAN-SIP.')
+              help='Folder for a FITS header of each solved image: TAN-SIP, of fisheyes ZPN.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
