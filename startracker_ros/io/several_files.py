@@ -3,9 +3,9 @@
 
 """Work on several files: one that fails does not lose the results of the others."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
+from types import TracebackType
 
 from startracker_ros.core.extras import MissingLibraryError
 
@@ -13,21 +13,28 @@ from startracker_ros.core.extras import MissingLibraryError
 _NAMED = OSError, ValueError, MissingLibraryError
 
 
-@contextmanager
-def one_of_several(report: Callable[[str], object]) -> Iterator[None]:
+class OneOfSeveral:
     """
     Report why the work on one file failed, and go on after the block.
 
     Ctrl-C ends the work, in compiled code too, and so does a reader of the output that has left.
     """
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except Exception as error:  # noqa: B902
-        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
-            raise
-        report(str(error) if isinstance(error, _NAMED) else _fault(error))
+
+    def __init__(self, report: Callable[[str], object]) -> None:
+        """Take what is called with the text for a person."""
+        self._report = report
+
+    def __enter__(self) -> None:
+        """Begin the work on the file."""
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> bool:
+        """Return whether the error is reported."""
+        if (not isinstance(error, Exception) or isinstance(error, BrokenPipeError)
+                or isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)):
+            return False
+        self._report(str(error) if isinstance(error, _NAMED) else _fault(error))
+        return True
 
 
 def _fault(error: Exception) -> str:

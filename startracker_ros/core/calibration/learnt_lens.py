@@ -68,10 +68,9 @@ class LearntLens:
     """
     A fitted camera and its attitude.
 
-    The covariance of attitude contains the errors of the lens; star (N,) is
-    the catalogue index of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is
-    the error per axis that the residuals show; rejected says why it is not to be used, empty
-    if it is.
+    The covariance of attitude contains the errors of the lens; star (N,) is the catalogue index
+    of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is the error per axis that
+    the residuals show; rejected says why it is not to be used, empty if it is.
     """
 
     camera: Camera
@@ -212,10 +211,10 @@ def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
 def _centred(fit: _Fit, start: Lens, free: np.ndarray, centroids: Centroids,
              onboard: OnboardCatalog) -> _Fit:
     """Return the fit with the principal point of start, where its stars do not deny that."""
-    model, row = fit.lens.model, np.flatnonzero(fit.star >= 0)
+    model = fit.lens.model
     off = np.array([model.cx - start.cx, model.cy - start.cy]) / start.width
     covariance = fit.covariance[_CENTRE_TERMS, _CENTRE_TERMS]
-    if not len(row) or off @ np.linalg.solve(covariance, off) > _CERTAIN_SQUARE:
+    if not (fit.star >= 0).any() or off @ np.linalg.solve(covariance, off) > _CERTAIN_SQUARE:
         return fit
     held = free.copy()
     held[_CENTRE_TERMS] *= _HELD
@@ -299,7 +298,7 @@ def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> Attitude
 
 
 def _middle_covariance(fit: _Fit) -> np.ndarray:
-    """Return the covariance (3, 3) of the attitude of the middle of the image, with a free lens."""
+    """Return the covariance (3, 3) of the attitude of the middle of the image."""
     model, quaternion = fit.lens
     axes = middle_axes(model)
     middle = multiply(quaternion, axes)

@@ -225,8 +225,8 @@ class CentroidExtractor:
             sigma_px = sigma_px if before is None else before.sigma_px
             centroids = self._search_streaks(frame, streak, sigma_px, most, rejections)
         if not len(centroids) and frame.search.too_many:
-            return (_none('too_many', f'{frame.search.found} peaks: noise, not stars: raise the threshold, or '
-                          'subtract a dark frame', frame),
+            return (_none('too_many', f'{frame.search.found} peaks: noise, not stars: raise the '
+                          'threshold, or subtract a dark frame', frame),
                     before and before._replace(
                         frame=frame, known=known, contamination=contamination))
         rejections.include(taken_out)

@@ -27,9 +27,9 @@ BRIGHT_PEAKS = 100
 DARK_SHARE = 0.1  # of the brightest pixel: flux in the eight around it, in a storm
 HIT_SIGMAS = 8.0
 TRACK_PX = 5  # removed pixel by pixel from both ends
-# Clusters of 2 x 2 hot pixels: their darkest pixel as a share of the brightest, the flux in a pixel
-# of the ring around them as a share of one of theirs, which is twice that of the sharpest star
-# (PSF sigma 0.5 px), the height from which on noise hides no ring, and how many there are.
+# Clusters of 2 x 2 hot pixels: at least, the darkest pixel as a share of the brightest; at most, a
+# pixel of the ring around them as a share of one of theirs, half of that of the sharpest star (PSF
+# sigma 0.5 px); the height from which on noise hides no ring; how many there are at least.
 _FLAT_SHARE, _RING_SHARE, _CLUSTER_SIGMAS, _FEWEST_CLUSTERS = 0.3, 0.015, 30.0, 10
 _CLUSTER, _WITH_RING, _WITH_LEVEL = 2, 4, 6  # sides of squares in px
 _AROUND = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))

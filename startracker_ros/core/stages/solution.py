@@ -115,7 +115,7 @@ class Solution:
 
     @property
     def _margin(self) -> bool:
-        """Return whether the left or right edge is outside of the circle, or far from all stars."""
+        """Return whether the left or right edge is outside of the circle or far from stars."""
         camera = self.camera
         edges = np.array([[-0.5, camera.cy], [camera.width - 0.5, camera.cy]])
         uv = self.centroids.uv[self.identification.hip > 0]

@@ -24,13 +24,13 @@ _SAMPLE = slice(None, None, 7)  # rows that show the order of the bytes
 
 
 class SerHeader(NamedTuple):
-    """Size in px, channels, bytes of a value, number of frames, and UTC of the first in ticks."""
+    """Size in px, channels, bytes of a value, number of frames, UTC of the first in ticks."""
 
     width: int
     height: int
     channels: int
     value_bytes: int
-    count: int
+    frames: int
     first_ticks: int
 
     @property
@@ -63,14 +63,14 @@ def ser_frames(path: Path) -> Iterator[SerFrame]:
     """Yield the whole frames of a file; ValueError for no such file, OSError."""
     with path.open('rb') as file:
         header = read_header(file.read(_HEADER.size))
-        file.seek(_HEADER.size + header.count * header.frame_bytes)
-        ticks = np.frombuffer(file.read(8 * header.count), '<i8')
+        file.seek(_HEADER.size + header.frames * header.frame_bytes)
+        ticks = np.frombuffer(file.read(8 * header.frames), '<i8')
         file.seek(_HEADER.size)
-        for number in range(header.count):
+        for number in range(header.frames):
             block = file.read(header.frame_bytes)
             if len(block) < header.frame_bytes:
                 return
-            known = len(ticks) == header.count and ticks[number] > _UNIX_TICKS
+            known = len(ticks) == header.frames and ticks[number] > _UNIX_TICKS
             at = int(ticks[number]) if known else header.first_ticks if number == 0 else 0
             yield SerFrame(_pixels(block, header), None if at <= _UNIX_TICKS else Taken(
                 (at - _UNIX_TICKS) * _TICK_NS, True, 'SER'))

@@ -77,15 +77,15 @@ def frames(path: Path) -> Iterator[Frame]:
 
 
 def _ser(path: Path) -> Iterator[Frame]:
-    begin_ns = None
+    first: Taken | None = None
     try:
         for number, (image, taken) in enumerate(ser_frames(path)):
             if number == 0:
                 _check_size(path, image.shape[1], image.shape[0])
-                begin_ns = taken and taken.stamp_ns
-            known = begin_ns is not None and taken is not None
-            yield Frame(number, (taken.stamp_ns - begin_ns) / 1e9 if known else 0.0,
-                        grey(image), taken)
+                first = taken
+            time_s = 0.0 if first is None or taken is None else (
+                taken.stamp_ns - first.stamp_ns) / 1e9
+            yield Frame(number, time_s, grey(image), taken)
     except OSError as error:
         raise ImageError(f'{path}: {error.strerror}') from error
     except ValueError as error:

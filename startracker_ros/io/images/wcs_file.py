@@ -226,7 +226,8 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
             break
     if best is None or best[1] > LARGEST_RESIDUAL_PX:
         left = 'folds the image' if best is None else f'leaves {best[1]:.2g} px'
-        raise CameraError(f'its distortion is none of {", ".join(MODELS)}: the best fit {left}, at most {LARGEST_RESIDUAL_PX:g} px are accepted')
+        raise CameraError(f'its distortion is none of {", ".join(MODELS)}: the best fit {left}, '
+                          f'at most {LARGEST_RESIDUAL_PX:g} px are accepted')
     return WcsCamera(*best, bottom_up)
 
 

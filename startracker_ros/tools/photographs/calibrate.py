@@ -31,7 +31,7 @@ from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import calibrated_camera, read_image_with_camera
-from startracker_ros.io.several_files import one_of_several
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 
 # Stars in the corners are mostly faint.
@@ -72,7 +72,7 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):
-        with one_of_several(partial(reasons.__setitem__, index)):
+        with OneOfSeveral(partial(reasons.__setitem__, index)):
             image, camera = read_image_with_camera(path, camera, fov_deg,
                                                    distortion_model)
             centroids[index] = extractor.extract(image).centroids

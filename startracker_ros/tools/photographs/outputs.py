@@ -91,8 +91,8 @@ def caption(name: str, solution: Solution, year: float) -> list[tuple[str, Colou
     """Return what stands below a picture: what it shows, and what its marks mean."""
     field = '' if np.isnan(solution.fov_deg) else f'field {solution.fov_deg:.3f} deg, '
     found = (f'RA {solution.ra_deg:.4f} deg, Dec {solution.dec_deg:+.4f} deg, roll '
-             f'{solution.roll_deg:.2f} deg, {field}{solution.matched} stars, residual {solution.residual_arcsec:.2f} arcsec, '
-             f'ICRS, epoch J{year:.2f}'
+             f'{solution.roll_deg:.2f} deg, {field}{solution.matched} stars, '
+             f'residual {solution.residual_arcsec:.2f} arcsec, ICRS, epoch J{year:.2f}'
              if solution.sky is not None else f'not solved: {solution.reason}')
     lines = [(f'{name}: {found}', _TEXT)]
     if solution.sky is not None:

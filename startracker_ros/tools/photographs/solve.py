@@ -36,7 +36,7 @@ from startracker_ros.io.images.images import (
     camera_of, ImageError, Photograph, read_photograph, told_camera)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
-from startracker_ros.io.several_files import one_of_several
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.tools.photographs.outputs import Outputs
@@ -78,7 +78,7 @@ def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iter
     """Yield the photographs of files, of videos the selected frames; names are of output."""
     for path, name in zip(paths, names):
         errors = list[str]()
-        with one_of_several(errors.append):
+        with OneOfSeveral(errors.append):
             if not is_video(path):
                 yield Shot(path, name, read_photograph(path))
                 continue
@@ -147,10 +147,10 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     EXIF, else today. mirror flips each image from left to right first; the result is that of the
     flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
     selection is that of the frames of videos and of animated or paged files, each of which is a
-    row. dark_file is a dark frame or a list of bad pixels (dark.py), of all images; ImageError
-    where it cannot be read. CameraError for an impossible camera, CatalogueError for a folder without a catalogue,
-    OutputError for an impossible folder of outputs; an unreadable image is a row of its own, and
-    so is one that fails otherwise.
+    row. dark_file is a dark frame or a list of bad pixels (dark.py) of all images. CameraError for
+    an impossible camera, CatalogueError for a folder without a catalogue, ImageError for a
+    dark_file that cannot be read, OutputError for an impossible folder of outputs; an unreadable
+    image is a row of its own, and so is one that fails otherwise.
     """
     outputs.check()
     dark = None if dark_file is None else read_dark(dark_file)
@@ -167,7 +167,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             continue
         photograph = shot.photograph
         solution: Solution | None = None
-        with one_of_several(partial(row.__setitem__, 'reason')):
+        with OneOfSeveral(partial(row.__setitem__, 'reason')):
             photograph = photograph if dark is None else dark.subtracted(photograph)
             photograph = photograph.mirror() if mirror else photograph
             when = epoch_of(epoch_year, photograph.taken)
@@ -186,7 +186,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                            f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
         row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
         for write in outputs.writers:
-            with one_of_several(partial(row.__setitem__, 'not_written')):
+            with OneOfSeveral(partial(row.__setitem__, 'not_written')):
                 write(shot.output, photograph, solution, when.year)
         if row['not_written']:
             not_written.append(f'{shot.label}: {row["not_written"]}')

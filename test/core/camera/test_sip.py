@@ -84,10 +84,11 @@ def test_a_fisheye_is_in_a_projection_that_has_its_horizon(vantage, kind, turned
     lens = Camera(1024, 768, 300.0, 305.0, 516.0, 378.0, (-0.05, -0.01, 0.0, 0.0), 'equidistant')
     zenith = (unit_from_radec(0.8, 0.7) if vantage is None or vantage.air is None else
               vantage.air.zenith)
-    q = quaternion_from_pointing(np.arctan2(zenith[1], zenith[0]), np.arcsin(zenith[2]) - 0.3, 0.2)
+    ra, dec = np.arctan2(zenith[1], zenith[0]), np.arcsin(zenith[2]) - 0.3
+    q = quaternion_from_pointing(ra, dec, 0.2)
     sky = SkyMapping(lens, q, vantage)
-    u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1023, 31), np.linspace(0, 767, 23)))
-    pixels = np.stack([u, v], -1)
+    pixels = np.stack(np.meshgrid(
+        np.linspace(0, 1023, 31), np.linspace(0, 767, 23)), -1).reshape(-1, 2)
     with np.errstate(invalid='ignore'):
         direction = sky.directions(pixels)
     # Above the horizon, where there are stars.

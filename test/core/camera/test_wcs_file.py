@@ -80,8 +80,8 @@ def test_an_exported_fisheye_comes_back(tmp_path):
     np.testing.assert_allclose(
         [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion],
         [lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion], rtol=1e-6, atol=1e-6)
-    path.write_bytes(path.read_bytes().replace(b"PV2_1   =                  1.0",
-                                               b"PV2_1   =                  2.0"))
+    path.write_bytes(path.read_bytes().replace(b'PV2_1   =                  1.0',
+                                               b'PV2_1   =                  2.0'))
     with pytest.raises(CameraError, match='PV2_m'):
         load_camera(path)
 

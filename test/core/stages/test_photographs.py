@@ -24,7 +24,7 @@ from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_le
 from startracker_ros.io.images.images import (
     ImageError, read_image, read_photograph, told_camera)
 from startracker_ros.io.output import OutputError
-from startracker_ros.io.several_files import one_of_several
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.solve import output_names, solve_files, Solvers
@@ -244,16 +244,16 @@ def test_a_file_that_fails_does_not_lose_the_results_of_others(sky_data, tmp_pat
         solve_files(paths, outputs=Outputs(tmp_path / 'file'))
 
 
-def test_what_one_of_several_files_meets_is_reported():
+def test_what_OneOfSeveral_files_meets_is_reported():
     reasons = []
     for error in (ValueError('no such thing'), IndexError('7')):
-        with one_of_several(reasons.append):
+        with OneOfSeveral(reasons.append):
             raise error
     assert reasons[0] == 'no such thing'
     assert 'please report it: IndexError in test_photographs.py, line' in reasons[1]
-    with pytest.raises(KeyboardInterrupt), one_of_several(reasons.append):
+    with pytest.raises(KeyboardInterrupt), OneOfSeveral(reasons.append):
         raise KeyboardInterrupt
-    with pytest.raises(SystemError), one_of_several(reasons.append):
+    with pytest.raises(SystemError), OneOfSeveral(reasons.append):
         # As compiled code does.
         raise SystemError('returned with an error set') from KeyboardInterrupt()
     assert len(reasons) == 2
