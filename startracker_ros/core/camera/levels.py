@@ -19,7 +19,12 @@ class Levels(NamedTuple):
     step: float = 1.0
 
 
-def sixteen_bit(pixels: np.ndarray) -> Levels:
+def sixteen_bit(pixels: np.ndarray) -> np.ndarray:
+    """Return the image of levels_of()."""
+    return levels_of(pixels).image
+
+
+def levels_of(pixels: np.ndarray) -> Levels:
     """
     Return pixels (H, W) of any number type as levels; ValueError where no value is finite.
 

@@ -41,7 +41,7 @@ class Dark:
                 f'{image.shape[1]} x {image.shape[0]}')
         # In levels of the image, whose noise stays; less than the dark frame is no loss.
         left = image - np.rint(dark * (self.frame.step / photograph.step))
-        return photograph._replace(image=sixteen_bit(left.astype(np.int32)).image)
+        return photograph._replace(image=sixteen_bit(left.astype(np.int32)))
 
     def _repaired(self, image: np.ndarray, bad_px: np.ndarray) -> np.ndarray:
         """Return an image whose bad pixels have the median of the good ones around them."""

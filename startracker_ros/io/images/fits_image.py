@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
-from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.extras import extra
 from startracker_ros.io.images.exif import stated_fov_deg, Taken
 
@@ -67,7 +67,7 @@ def described(pixels: np.ndarray, header: Any, bottom_up: bool, order_known: boo
     """Return pixels (H, W) of any number type with what the cards of a header say."""
     # The byte order of a file is that of no array operation of OpenCV.
     native = pixels.astype(pixels.dtype.newbyteorder('='), copy=False)
-    image, step = sixteen_bit(np.ascontiguousarray(native[::-1] if bottom_up else native))
+    image, step = levels_of(np.ascontiguousarray(native[::-1] if bottom_up else native))
     return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up,
                      order_known, _pointing_deg(header), step)
 

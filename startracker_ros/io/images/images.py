@@ -14,7 +14,7 @@ import zlib
 import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
-from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
 from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
@@ -150,7 +150,7 @@ def _decode(path: Path, content: np.ndarray) -> Photograph:
     if image is None:
         raise ImageError(f'{path}: not an image that OpenCV can read')
     try:
-        image, step = sixteen_bit(grey(image))
+        image, step = levels_of(grey(image))
     except ValueError as error:
         raise ImageError(f'{path}: {error}') from error
     exif = read_exif(content.tobytes())

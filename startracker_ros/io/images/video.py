@@ -140,6 +140,6 @@ def _pixels(image: Image.Image) -> np.ndarray:
         # Pillow before 10.3 has no mode of its own for 16 bit there.
         return np.asarray(image).astype(np.uint16)
     if image.mode in ('F', 'I'):
-        return sixteen_bit(np.asarray(image)).image
+        return sixteen_bit(np.asarray(image))
     pixels = np.asarray(image if image.mode in ('L', 'I;16', 'I;16B') else image.convert('RGB'))
     return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder('='))

@@ -41,9 +41,9 @@ class Outputs:
                 output_folder(folder)
 
     @property
-    def writers(self) -> tuple[Callable[[str, Photograph, Solution, float], None], ...]:
+    def writers(self) -> tuple[Callable[[str, Photograph, Solution, float], Path | None], ...]:
         """
-        Return what writes the file of each kind.
+        Return what writes the file of each kind, and returns its path, None for no such file.
 
         Each is called with a name without a suffix, an image, its solution and its Julian year.
         OutputError, and WcsError of image_wcs().
@@ -51,20 +51,28 @@ class Outputs:
         return self._write_picture, self._write_wcs
 
     def _write_picture(self, name: str, photograph: Photograph, solution: Solution, year: float
-                       ) -> None:
-        if self.annotate_folder is not None:
-            picture = captioned(
-                annotated(photograph.image, solution.centroids.uv, solution.identification.hip,
-                          solution.sky, year, solution.bodies), caption(name, solution, year))
-            # In memory: OpenCV reports a full disk on stderr alone.
-            content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
-            write_output(self.annotate_folder / f'{name}.png', content)
+                       ) -> Path | None:
+        if self.annotate_folder is None:
+            return None
+        picture = captioned(
+            annotated(photograph.image, solution.centroids.uv, solution.identification.hip,
+                      solution.sky, year, solution.bodies), caption(name, solution, year))
+        # In memory: OpenCV reports a full disk on stderr alone.
+        content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
+        return _written(self.annotate_folder / f'{name}.png', content)
 
-    def _write_wcs(self, name: str, photograph: Photograph, solution: Solution, _: float) -> None:
-        if self.wcs_folder is not None and solution.sky is not None:
-            write_output(self.wcs_folder / f'{name}.wcs',
-                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up,
-                                   solution.centroids.uv[solution.identification.hip > 0]))
+    def _write_wcs(self, name: str, photograph: Photograph, solution: Solution, _: float
+                   ) -> Path | None:
+        if self.wcs_folder is None or solution.sky is None:
+            return None
+        stars_px = solution.centroids.uv[solution.identification.hip > 0]
+        return _written(self.wcs_folder / f'{name}.wcs', image_wcs(
+            solution.sky, photograph.mirrored, photograph.bottom_up, stars_px))
+
+
+def _written(path: Path, content: bytes) -> Path:
+    write_output(path, content)
+    return path
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
