@@ -33,8 +33,8 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
 # Of the nominal camera, and of any field; unknown lenses are certain. With a catalogue of the
-# user, of its narrow fields near a position, and anywhere.
-_SEARCHES, _TILED_SEARCHES = 2, 2
+# user as well, near a position and anywhere.
+_SEARCHES, _TILED_SEARCHES = 2, 4
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
@@ -113,13 +113,13 @@ class PhotographSolver:
             _unknown_lens(self._unknown, shape, RECTILINEAR,
                           f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
             _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
-        narrow, lacks = self._narrow(nominal, shape, place)
-        coarse = '' if nominal is None else _coarse(nominal)
-        if coarse:
-            lacks.append(coarse)
-        elif nominal is not None:
-            searches.insert(0, self._known(nominal))
+        narrow, lacks = self._narrow(None, shape, place)
         searches[:0] = narrow
+        if nominal is not None:
+            narrow, more_lacks = self._narrow(nominal, shape, place)
+            coarse = _coarse(nominal)
+            searches[:0] = narrow if coarse else [*narrow, self._known(nominal)]
+            lacks = [*dict.fromkeys(more_lacks + lacks), *([coarse] if coarse else [])]
         first = searches[0]
         rejected = ''
         best: Solution | None = None
@@ -220,7 +220,7 @@ def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fie
         nominal or Camera.from_fov(width, height, fields.high_deg), identify,
         partial(identify, quickly=True), blind.LENS_ERROR, blind.ATTEMPTS,
         f'{fields.low_deg:.3g} to {fields.high_deg:.3g} deg in {identifier.catalogue.folder} '
-        f'{where}', any_field=False)
+        f'{where}', any_field=nominal is None)
 
 
 def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], lenses: Lenses,
