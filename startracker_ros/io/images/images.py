@@ -158,7 +158,7 @@ def _decode(path: Path, content: np.ndarray) -> Photograph:
 
 
 def _first_of_ser(path: Path) -> Photograph:
-    first = next(ser_video.ser_frames(path), None)
+    first = next(ser_video.ser_frames(path, MOST_PIXELS), None)
     if first is None:
         raise ValueError('a truncated SER file')
     return Photograph(grey(first.image), taken=first.taken)

@@ -46,8 +46,8 @@ class SerFrame(NamedTuple):
     taken: Taken | None
 
 
-def read_header(content: bytes) -> SerHeader:
-    """Return the header of a file by its first bytes; ValueError for no such file."""
+def read_header(content: bytes, most_pixels: int) -> SerHeader:
+    """Return the header of a file by its first bytes; ValueError for none, or more pixels."""
     if len(content) < _HEADER.size or not content.startswith(BEGIN):
         raise ValueError('not a SER file')
     _, _, colour, _, width, height, bits, count, *_, first = _HEADER.unpack(
@@ -56,13 +56,16 @@ def read_header(content: bytes) -> SerHeader:
                        first)
     if not (0 < width <= 65536 and 0 < height <= 65536 and 0 < bits <= 16 and count > 0):
         raise ValueError(f'a SER file of {count} frames of {width} x {height} px of {bits} bits')
+    if width * height > most_pixels:
+        raise ValueError(f'frames of {width} x {height} px, at most '
+                         f'{most_pixels // 1_000_000} million px are solved')
     return header
 
 
-def ser_frames(path: Path) -> Iterator[SerFrame]:
-    """Yield the whole frames of a file; ValueError for no such file, OSError."""
+def ser_frames(path: Path, most_pixels: int) -> Iterator[SerFrame]:
+    """Yield the whole frames of a file; ValueError for no such file or more pixels, OSError."""
     with path.open('rb') as file:
-        header = read_header(file.read(_HEADER.size))
+        header = read_header(file.read(_HEADER.size), most_pixels)
         file.seek(_HEADER.size + header.frames * header.frame_bytes)
         ticks = np.frombuffer(file.read(8 * header.frames), '<i8')
         file.seek(_HEADER.size)

@@ -79,10 +79,8 @@ def frames(path: Path) -> Iterator[Frame]:
 def _ser(path: Path) -> Iterator[Frame]:
     first: Taken | None = None
     try:
-        for number, (image, taken) in enumerate(ser_frames(path)):
-            if number == 0:
-                _check_size(path, image.shape[1], image.shape[0])
-                first = taken
+        for number, (image, taken) in enumerate(ser_frames(path, MOST_PIXELS)):
+            first = taken if number == 0 else first
             time_s = 0.0 if first is None or taken is None else (
                 taken.stamp_ns - first.stamp_ns) / 1e9
             yield Frame(number, time_s, grey(image), taken)

@@ -208,8 +208,10 @@ def test_ser_is_a_video_and_its_first_frame_an_image(tmp_path, order):
     whole = path.read_bytes()
     path.write_bytes(whole[:178 + colours.nbytes + 5])
     assert len([*frames(path)]) == 1
-    for length, words in ((100, 'not a SER file'), (300, 'truncated|no frame')):
-        path.write_bytes(whole[:length])
+    huge = whole[:26] + struct.pack('<2i', 40000, 40000) + whole[34:]
+    for content, words in ((whole[:100], 'not a SER file'), (whole[:300], 'truncated|no frame'),
+                           (huge, '40000 x 40000 px')):
+        path.write_bytes(content)
         for read in (read_image, lambda file: [*frames(file)]):
             with pytest.raises(ImageError, match=words):
                 read(path)
