@@ -66,13 +66,15 @@ def ser_frames(path: Path, most_pixels: int) -> Iterator[SerFrame]:
     """Yield the whole frames of a file; ValueError for no such file or more pixels, OSError."""
     with path.open('rb') as file:
         header = read_header(file.read(_HEADER.size), most_pixels)
-        file.seek(_HEADER.size + header.frames * header.frame_bytes)
-        ticks = np.frombuffer(file.read(8 * header.frames), '<i8')
-        file.seek(_HEADER.size)
-        for number in range(header.frames):
+        # Of a truncated file the header still counts all, and the times are lost.
+        whole = (path.stat().st_size - _HEADER.size) // header.frame_bytes
+        ticks = np.empty(0, np.int64)
+        if whole >= header.frames:
+            file.seek(_HEADER.size + header.frames * header.frame_bytes)
+            ticks = np.frombuffer(file.read(8 * header.frames), '<i8')
+            file.seek(_HEADER.size)
+        for number in range(min(whole, header.frames)):
             block = file.read(header.frame_bytes)
-            if len(block) < header.frame_bytes:
-                return
             known = len(ticks) == header.frames and ticks[number] > _UNIX_TICKS
             at = int(ticks[number]) if known else header.first_ticks if number == 0 else 0
             yield SerFrame(_pixels(block, header), None if at <= _UNIX_TICKS else Taken(
