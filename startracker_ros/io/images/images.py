@@ -253,7 +253,7 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
     return None
 
 
-def told_camera(width: int, height: int, fov_deg: float) -> Camera | None:
+def given_camera(width: int, height: int, fov_deg: float) -> Camera | None:
     """
     Return the ideal camera of a field of view, None for one so wide that no such lens has it.
 

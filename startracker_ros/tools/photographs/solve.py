@@ -33,7 +33,7 @@ from startracker_ros.core.stages.solution import MIN_STARS, Solution
 from startracker_ros.io.images.camera_files import is_wcs, load_camera
 from startracker_ros.io.images.dark import read_dark
 from startracker_ros.io.images.images import (
-    camera_of, ImageError, Photograph, read_photograph, told_camera)
+    camera_of, given_camera, ImageError, Photograph, read_photograph)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.several_files import OneOfSeveral
@@ -155,7 +155,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     outputs.check()
     dark = None if dark_file is None else read_dark(dark_file)
     if fov_deg is not None:
-        told_camera(1, 1, fov_deg)
+        given_camera(1, 1, fov_deg)
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
@@ -260,7 +260,7 @@ class Solvers:
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
             height, width = image.shape
-            nominal = None if fov_deg is None else told_camera(width, height, fov_deg)
+            nominal = None if fov_deg is None else given_camera(width, height, fov_deg)
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
             start_s = time.perf_counter()

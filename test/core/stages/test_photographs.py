@@ -22,7 +22,7 @@ from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.evaluation.campaign.fisheyes import draw_night
 from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.io.images.images import (
-    ImageError, read_image, read_photograph, told_camera)
+    given_camera, ImageError, read_image, read_photograph)
 from startracker_ros.io.output import OutputError
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
@@ -326,10 +326,10 @@ def test_a_fisheye_with_a_given_field_is_a_fisheye(any_field):
         assert solution.camera.model.equidistant
         assert night.error_px(solution.sky) < 2
     # No rectilinear lens has such a field, and no one has the others.
-    assert told_camera(width, height, 174.0) is None
+    assert given_camera(width, height, 174.0) is None
     for wrong_deg in (0.0, 0.1, 400.0):
         with pytest.raises(CameraError, match=f'field of view {wrong_deg:g}'):
-            told_camera(width, height, wrong_deg)
+            given_camera(width, height, wrong_deg)
 
 
 @pytest.mark.long
