@@ -200,6 +200,9 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
                                  fov_error_percent=fov_error_percent,
                                  time_limit_s=PHOTOGRAPH_LIMIT_S))
     print_result(result, as_json)
+    for row in result.rows:
+        if row['not_written']:
+            click.echo(f'startracker: {row["file"]}: {row["not_written"]}', err=True)
     if not all(row['solved'] and not row['not_written'] for row in result.rows):
         sys.exit(1)
 

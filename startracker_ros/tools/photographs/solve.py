@@ -159,7 +159,6 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
-    not_written = list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
         row = _row(shot, None, float('nan')) | {'status': 'unreadable', 'reason': shot.error}
         rows.append(row)
@@ -188,8 +187,6 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         for write in outputs.writers:
             with OneOfSeveral(partial(row.__setitem__, 'not_written')):
                 write(shot.output, photograph, solution, when.year)
-        if row['not_written']:
-            not_written.append(f'{shot.label}: {row["not_written"]}')
     whens = whens or [epoch_of(epoch_year)]
     observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
@@ -198,7 +195,6 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         **fit, **({'mirror': True} if mirror else {}),
         **({'fov_deg': '; '.join(dropped)} if dropped else {}),
         **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
-        **({'not written': '; '.join(not_written)} if not_written else {}),
         'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)

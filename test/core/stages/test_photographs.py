@@ -237,7 +237,6 @@ def test_a_file_that_fails_does_not_lose_the_results_of_others(sky_data, tmp_pat
     assert bad['status'] == 'unreadable' and 'OpenCV' in bad['reason']
     assert [row['not_written'] for row in (first, bad, third)] == [''] * 3
     assert f'{paths[1].stem}.wcs' in second['not_written']
-    assert second['not_written'] in result.conditions['not written']
     assert (tmp_path / f'{paths[2].stem}.wcs').is_file()
     (tmp_path / 'file').touch()
     with pytest.raises(OutputError, match='file'):
