@@ -71,7 +71,8 @@ def ser_frames(path: Path, most_pixels: int) -> Iterator[SerFrame]:
         ticks = np.empty(0, np.int64)
         if whole >= header.frames:
             file.seek(_HEADER.size + header.frames * header.frame_bytes)
-            ticks = np.frombuffer(file.read(8 * header.frames), '<i8')
+            times = file.read(8 * header.frames)
+            ticks = np.frombuffer(times[:len(times) // 8 * 8], '<i8')
             file.seek(_HEADER.size)
         for number in range(min(whole, header.frames)):
             block = file.read(header.frame_bytes)
@@ -84,7 +85,7 @@ def ser_frames(path: Path, most_pixels: int) -> Iterator[SerFrame]:
 def _pixels(block: bytes, header: SerHeader) -> np.ndarray:
     shape = (header.height, header.width, 3)[:2 + (header.channels > 1)]
     if header.value_bytes == 1:
-        return np.frombuffer(block, np.uint8).reshape(shape)
+        return np.frombuffer(block, np.uint8).reshape(shape).copy()
     # Programs disagree on what the flag of the byte order means. In the wrong order neighbouring
     # pixels differ by much more.
     little, big = (np.frombuffer(block, order).reshape(shape).astype(np.uint16)

@@ -59,7 +59,7 @@ def _read(content: bytes, most_pixels: int) -> FitsImage:
     dtype = np.dtype(order + _TYPES[kind])
     count = width * height * channels
     block = _block(content, image.attrib, count * dtype.itemsize)
-    values = np.frombuffer(block, dtype, count)
+    values = np.frombuffer(block, dtype, count).copy()
     planar = image.attrib.get('pixelStorage', 'Planar').lower() == 'planar'
     pixels = values.reshape((channels, height, width) if planar else (height, width, channels))
     cards = {element.attrib['name']: element.attrib.get('value', '').strip("' ")

@@ -206,6 +206,8 @@ def test_ser_is_a_video_and_its_first_frame_an_image(tmp_path, order):
     np.testing.assert_array_equal(read_image(path), colours[..., 0])
     assert read_photograph(path).taken is None
     whole = path.read_bytes()
+    path.write_bytes(whole + b'odd')
+    assert len([*frames(path)]) == 2
     path.write_bytes(whole[:178 + colours.nbytes + 5])
     assert len([*frames(path)]) == 1
     huge = whole[:26] + struct.pack('<2i', 40000, 40000) + whole[34:]
