@@ -26,7 +26,8 @@ INSTEAD = {
     r'(?<!\w)begun(?!\w)': 'started',
     r'(?<!\w)rungs?(?!\w)': 'step of the ladder',
     r'(?:the only|six|each|every|upper|lower) rooms?(?!\w)': 'package',
-    r'is_dark|[Dd]ark frame(?! first)': 'sparse frame; a dark frame is a calibration exposure',
+    # A dark frame is the exposure without light that solve subtracts.
+    r'is_dark': 'sparse frame',
     r'carr(?:y|ies) on': 'is used alone, continues',
 }
 

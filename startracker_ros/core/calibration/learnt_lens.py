@@ -8,8 +8,8 @@ The pixel of a star of ICRS direction s is that of v = exp(-[d]x) R^T s in a cam
 length f e^a, the pixel ratio e^b, the principal point c + w (g, h) and the distortion k1 + k. The
 parameters d (3,), a, b, g, h, k are found by Gauss-Newton on the squared residuals plus the
 squared parameters over their prior variances. The priors hold what the stars do not determine: in
-a narrow field the principal point is the same as the attitude, and k1 has no effect. The attitude
-of the result is therefore that of the middle of the image, which the stars always determine.
+a narrow field k1 has no effect, and the principal point is the same as the attitude. It is the
+middle of the image there, unless the stars show it elsewhere with certainty.
 
 Matching and fit alternate: the better the lens, the more stars of the whole image are in the
 gate, which follows the scatter of the residuals. A fisheye has the terms k1 to k4, and the gates
@@ -26,13 +26,13 @@ from startracker_ros.core.calibration.lens_fit import (
 from startracker_ros.core.calibration.lens_growth import gated
 from startracker_ros.core.calibration.matching import nearest_pairs
 from startracker_ros.core.camera.distortion import coefficients_of
-from startracker_ros.core.camera.lens import Lens, rays, undistorted
+from startracker_ros.core.camera.lens import Lens, middle_axes
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.ladder import Attempt
 from startracker_ros.core.maths.rotation import (
-    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes)
+    attitude_error, conjugate, matrix_from_quaternion, multiply)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
@@ -43,6 +43,9 @@ _FEW_MATCHES, _NARROW_RAD = 10, np.radians(20.0)
 _HELD = 1e-4  # prior errors of a lens that is held
 _LEAST_MATCHES = 4
 _MOST_ERROR_PX = 3.0  # 1 sigma of the middle of the image
+# Square of the distance from the middle, in sigmas, from which on a principal point is certain.
+_CERTAIN_SQUARE = 9.0
+_CENTRE_TERMS = slice(5, 7)
 _MAX_ITERATIONS = 15
 _GATE_SIGMAS = 4.0
 # The matching radius at least, and while the first matches lead to those farther out.
@@ -63,16 +66,14 @@ _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
 @dataclass(frozen=True)
 class LearntLens:
     """
-    A fitted camera, the attitude of its axis (4,), and that of the middle of the image.
+    A fitted camera and its attitude.
 
-    +z of attitude is the direction of the middle of the image, -y that of image up; star (N,) is
-    the catalogue index of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is
-    the error per axis that the residuals show; rejected says why it is not to be used, empty
-    if it is.
+    The covariance of attitude contains the errors of the lens; star (N,) is the catalogue index
+    of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is the error per axis that
+    the residuals show; rejected says why it is not to be used, empty if it is.
     """
 
     camera: Camera
-    axis_quaternion: np.ndarray
     attitude: AttitudeEstimate
     focal_ratio: float
     star: np.ndarray
@@ -129,15 +130,17 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
             fit = _grow(lens, start.lens, free * held, centroids, star, onboard)
         elif not fisheye:
             fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
+            if start.fov_x_rad < _NARROW_RAD:
+                fit = _centred(fit, start.lens, free, centroids, onboard)
         camera = fit.lens.camera(start)
     except CameraError as error:
-        return LearntLens(start, quaternion, identification.attitude, 1.0, star,
+        return LearntLens(start, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
     residual = _residuals(fit.lens, centroids, onboard, fit.star)
     attitude = _attitude(fit, residual, centroids)
-    return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
+    return LearntLens(camera, attitude, camera.fx / nominal.fx, fit.star,
                       np.hypot(*residual.T), fit.error_px,
-                      _reason(fit, camera, attitude, nominal, focal_error, first,
+                      _reason(fit, camera, nominal, focal_error, first,
                               _possible(fit, onboard)))
 
 
@@ -158,14 +161,8 @@ def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star
     CameraError when it folds the image.
     """
     for iteration in range(_MAX_ITERATIONS):
-        row = np.flatnonzero(star >= 0)
-        model, quaternion, covariance, error_px = fit_lens(
-            *lens, start, free, onboard.direction[star[row]], centroids.uv[row],
-            centroids.sigma_px[row])
-        if folds(model):
-            raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
-        lens = _Lens(model, quaternion)
-        before, growing = star, iteration < _GROWING
+        lens, covariance, error_px = _fitted(lens, start, free, centroids, star, onboard)
+        model, before, growing = lens.model, star, iteration < _GROWING
         if model.equidistant:
             star = gated(*lens, covariance, max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS),
                          onboard.direction, centroids.uv)
@@ -211,6 +208,31 @@ def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
     return fit
 
 
+def _centred(fit: _Fit, start: Lens, free: np.ndarray, centroids: Centroids,
+             onboard: OnboardCatalog) -> _Fit:
+    """Return the fit with the principal point of start, where its stars do not deny that."""
+    model = fit.lens.model
+    off = np.array([model.cx - start.cx, model.cy - start.cy]) / start.width
+    covariance = fit.covariance[_CENTRE_TERMS, _CENTRE_TERMS]
+    if not (fit.star >= 0).any() or off @ np.linalg.solve(covariance, off) > _CERTAIN_SQUARE:
+        return fit
+    held = free.copy()
+    held[_CENTRE_TERMS] *= _HELD
+    return _Fit(*_fitted(fit.lens, start, held, centroids, fit.star, onboard), fit.star)
+
+
+def _fitted(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star: np.ndarray,
+            onboard: OnboardCatalog) -> tuple[_Lens, np.ndarray, float]:
+    """Return lens, covariance and error of fit_lens(); CameraError for one that folds."""
+    row = np.flatnonzero(star >= 0)
+    model, quaternion, covariance, error_px = fit_lens(
+        *lens, start, free, onboard.direction[star[row]], centroids.uv[row],
+        centroids.sigma_px[row])
+    if folds(model):
+        raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
+    return _Lens(model, quaternion), covariance, error_px
+
+
 def _gate(error_px: float, model: Lens, onboard: OnboardCatalog, least_px: float) -> float:
     """Return the matching radius in px."""
     per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi * onboard.sky_share)
@@ -238,17 +260,17 @@ def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star:
     return residual
 
 
-def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Camera,
-            focal_error: float, first: int, possible: int) -> str:
+def _reason(fit: _Fit, camera: Camera, nominal: Camera, focal_error: float, first: int,
+            possible: int) -> str:
     """Return why a fitted lens is rejected, empty if it is not."""
-    matched = attitude.stars
+    matched = int(np.count_nonzero(fit.star >= 0))
     if matched < max(_KEPT_SHARE * first, _LEAST_MATCHES):
         return f'the fitted lens loses {first - matched} of the {first} stars that led to it'
     if matched < _LEAST_SHARE * possible:
         return f'the fitted lens explains {matched} of {possible} stars: not the whole image'
     if fit.error_px > _MOST_RESIDUAL * camera.width:
         return f'the fitted lens leaves residuals of {fit.error_px:.2g} px'
-    sigma_px = np.sqrt(attitude.covariance_sensor.diagonal()[:2].max()) / camera.pixel_rad
+    sigma_px = np.sqrt(_middle_covariance(fit).diagonal()[:2].max()) / camera.pixel_rad
     if sigma_px > _MOST_ERROR_PX:
         return (f'{matched} stars leave the lens open: the middle of the image is uncertain by '
                 f'{sigma_px:.2g} px')
@@ -265,28 +287,28 @@ def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Came
 
 
 def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> AttitudeEstimate:
-    """Return the attitude of the middle of the image, its covariance with a free lens."""
-    lens, row = fit.lens, fit.star >= 0
-    middle = _middle(lens)
-    # Focal length and distortion hardly move the middle of the image.
-    parameters = len(fit.covariance)
-    partial = np.zeros((3, parameters))
-    partial[:, :3] = matrix_from_quaternion(multiply(conjugate(middle), lens.quaternion))
-    for axis in (5, 6):
-        step = np.zeros(parameters)
-        step[axis] = _STEP
-        partial[:, axis] = attitude_error(_middle(_Lens(*changed(*lens, step))), middle) / _STEP
+    """Return the attitude of the lens, its covariance with a free lens."""
+    (model, quaternion), row = fit.lens, fit.star >= 0
     square = np.sum(residual[row] ** 2, axis=1)
     sigma = np.maximum(np.hypot(centroids.sigma_px[row], LEAST_ERROR_PX), fit.error_px)
     return AttitudeEstimate(
-        middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
-        np.sqrt(square / (lens.model.fx * lens.model.fy)), float(np.sum(square / sigma ** 2)))
+        -quaternion if quaternion[3] < 0 else quaternion, fit.covariance[:3, :3],
+        int(np.count_nonzero(row)), np.sqrt(square / (model.fx * model.fy)),
+        float(np.sum(square / sigma ** 2)))
 
 
-def _middle(lens: _Lens) -> np.ndarray:
-    """Return the attitude (4,) with +z through the middle of the image and +y along it."""
-    model = lens.model
-    centre = np.array([(model.width - 1) / 2, (model.height - 1) / 2])
-    z, below = rays(model.equidistant, undistorted(model, np.array([centre, centre + [0, 1]])))
-    q = multiply(lens.quaternion, quaternion_from_axes(z, below))
-    return -q if q[3] < 0 else q
+def _middle_covariance(fit: _Fit) -> np.ndarray:
+    """Return the covariance (3, 3) of the attitude of the middle of the image."""
+    model, quaternion = fit.lens
+    axes = middle_axes(model)
+    middle = multiply(quaternion, axes)
+    # Focal length and distortion hardly move the middle of the image.
+    parameters = len(fit.covariance)
+    partial = np.zeros((3, parameters))
+    partial[:, :3] = matrix_from_quaternion(conjugate(axes))
+    for axis in range(parameters)[_CENTRE_TERMS]:
+        step = np.zeros(parameters)
+        step[axis] = _STEP
+        other, turned = changed(model, quaternion, step)
+        partial[:, axis] = attitude_error(multiply(turned, middle_axes(other)), middle) / _STEP
+    return partial @ fit.covariance @ partial.T

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.camera.distortion import LARGEST_RAD, Terms
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.rotation import quaternion_from_axes
 
 
 class Lens(NamedTuple):
@@ -215,6 +216,17 @@ def rays(equidistant: bool, plane: np.ndarray) -> np.ndarray:
         directions[i, 0], directions[i, 1], directions[i, 2] = ray(equidistant, plane[i, 0],
                                                                    plane[i, 1])
     return directions
+
+
+def middle_axes(lens: Lens) -> np.ndarray:
+    """
+    Return the rotation (4,) from the axes of the middle of the image to sensor axes.
+
+    Those have +z through the middle of the image and +y along the image, down.
+    """
+    centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
+    return quaternion_from_axes(*rays(
+        lens.equidistant, undistorted(lens, np.array([centre, centre + [0, 1]]))))
 
 
 @compiled

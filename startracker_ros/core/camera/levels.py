@@ -4,6 +4,7 @@
 """Pixel values of any number type as the 16-bit levels that star detection has."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,16 +21,28 @@ _SWAPPED_NOISE = 4.0  # times as large as with the other order of bytes
 _SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 64, 512, 1000
 
 
+class Levels(NamedTuple):
+    """An image (H, W) uint8 or uint16, and how much one of its levels was before."""
+
+    image: np.ndarray
+    step: float = 1.0
+
+
 def sixteen_bit(pixels: np.ndarray) -> np.ndarray:
+    """Return the image of levels_of()."""
+    return levels_of(pixels).image
+
+
+def levels_of(pixels: np.ndarray) -> Levels:
     """
-    Return pixels (H, W) as uint8 or uint16, linear; ValueError where no value is finite.
+    Return pixels (H, W) of any number type as levels; ValueError where no value is finite.
 
     Unsigned 8 and 16 bits stay; other integers that fit 16 bits are only shifted. The rest is
     scaled to the range of the values, or to four levels per 1 sigma of the noise where that is
     finer: what is brighter then counts as saturated. Undefined pixels become the median.
     """
     if pixels.dtype in (np.uint8, np.uint16):
-        return pixels
+        return Levels(pixels)
     finite = np.isfinite(pixels)
     if not finite.any():
         raise ValueError('no finite pixel')
@@ -45,7 +58,7 @@ def sixteen_bit(pixels: np.ndarray) -> np.ndarray:
         noise = 1.4826 * float(np.median(np.abs(np.diff(values[::7], 2)[:, ::7]))) / np.sqrt(6)
         if noise > 0:
             step = min(step, noise / _LEVELS_PER_NOISE)
-    return ((values - low) / step).round().clip(0, _HIGHEST).astype(np.uint16)
+    return Levels(((values - low) / step).round().clip(0, _HIGHEST).astype(np.uint16), step)
 
 
 def mosaic_levels(mosaic: np.ndarray) -> np.ndarray:

@@ -158,6 +158,12 @@ class Camera:
                     float(self.cy), terms, any(self.distortion), self.model.equidistant,
                     farthest_angle(self.model.equidistant, terms))
 
+    @cached_property
+    def middle_axes(self) -> np.ndarray:
+        """Return the rotation (4,) of lens.middle_axes()."""
+        from startracker_ros.core.camera.lens import middle_axes
+        return middle_axes(self.lens)
+
     def with_focal_ratio(self, ratio: float) -> 'Camera':
         """Return the camera with both focal lengths multiplied by ratio."""
         return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)

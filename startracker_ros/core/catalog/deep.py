@@ -9,6 +9,7 @@ row in the shipped file. Terms of the data: LICENSE in this folder.
 """
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +50,29 @@ _STEP_RAD = POSITION_STEP_MAS / 1000 * ARCSEC
 
 
 def star_name(number: int) -> str:
-    """Return the name of a star: HIP with its number, or the row in DEEP_FILE or in a folder."""
+    """
+    Return the name of a star: HIP with its number, or without one its position.
+
+    That is J2000 hours, minutes and seconds of right ascension, degrees, minutes and seconds of
+    declination, cut off as in the names of surveys; of a catalogue of the user it is the row.
+    """
+    if number < NUMBER_OFFSET:
+        return f'HIP {number}'
     if number >= TILED_OFFSET:
-        return f'row {number - TILED_OFFSET}'
-    return f'HIP {number}' if number < NUMBER_OFFSET else f'deep {number - NUMBER_OFFSET}'
+        return f'row {number - TILED_OFFSET} of the catalogue'
+    return _position_name(number)
+
+
+@cache
+def _position_name(number: int) -> str:
+    catalog = _deep_catalog()
+    star = int(np.flatnonzero(catalog.hip == number)[0])
+    x, y, z = catalog.rows(slice(star, star + 1)).directions(2000.0)[0].tolist()
+    # A tenth of a second and a second are no finer than the positions.
+    ra = int(np.degrees(np.arctan2(y, x)) % 360 * 2400)
+    dec = int(abs(np.degrees(np.arcsin(z))) * 3600)
+    return (f'J{ra // 36000:02d}{ra // 600 % 60:02d}{ra % 600 / 10:04.1f}'
+            f'{"-" if z < 0 else "+"}{dec // 3600:02d}{dec // 60 % 60:02d}{dec % 60:02d}')
 
 
 def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None, *,
@@ -68,6 +88,12 @@ def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None
     in_field = share * len(hipparcos.brighter_than(HIPPARCOS_COMPLETE_V))
     stars = hipparcos if in_field >= NARROW_FIELD_STARS else (deep or load_deep_catalog)()
     return catalog_in_band(stars, band)
+
+
+@cache
+def _deep_catalog() -> StarCatalog:
+    """Return the deep catalogue, kept for the names of its stars."""
+    return load_deep_catalog()
 
 
 def load_deep_catalog() -> StarCatalog:

@@ -225,7 +225,8 @@ class CentroidExtractor:
             sigma_px = sigma_px if before is None else before.sigma_px
             centroids = self._search_streaks(frame, streak, sigma_px, most, rejections)
         if not len(centroids) and frame.search.too_many:
-            return (_none('too_many', f'{frame.search.found} peaks: noise, not stars', frame),
+            return (_none('too_many', f'{frame.search.found} peaks: noise, not stars: raise the '
+                          'threshold, or subtract a dark frame', frame),
                     before and before._replace(
                         frame=frame, known=known, contamination=contamination))
         rejections.include(taken_out)
@@ -298,10 +299,11 @@ class CentroidExtractor:
         uv = np.concatenate(rejections.uv) if rejections.uv else np.empty((0, 2))
         if len(centroids):
             status, reason = 'ok', ''
-        elif frame.search.found:
-            status, reason = 'no_stars', 'every spot is rejected'
+        elif rejections.counts:
+            status, reason = 'no_stars', rejections.text
         else:
-            status, reason = 'no_stars', f'no star image above {self._threshold.text}'
+            status, reason = 'no_stars', (f'no star image above {self._threshold.text}: expose '
+                                          'longer, focus, or lower the threshold')
         return Extraction(centroids, status, reason, frame.background_dn, frame.noise_dn,
                           sigma_px, rejections.counts, uv, streak)
 

@@ -5,6 +5,19 @@
 
 import numpy as np
 
+_WORDS = {
+    'edge': 'cut by the edge', 'saturated': 'saturated', 'hot_pixel': 'hot pixels',
+    'cosmic_ray': 'hits of particles', 'elongated': 'longer than a star',
+    'too_wide': 'wider than a star', 'not_fitted': 'of no shape of a star',
+    'faint': 'too faint', 'disc': 'of something large', 'line': 'of a line'}
+_REMEDIES = {
+    'saturated': 'expose shorter', 'hot_pixel': 'subtract a dark frame',
+    'cosmic_ray': 'subtract a dark frame', 'elongated': 'expose shorter, or let nothing shake',
+    'too_wide': 'focus, and keep Moon and lamps out of the field',
+    'disc': 'keep Moon, lamps and clouds out of the field',
+    'line': 'expose shorter, or let nothing shake'}
+_REMEDY = 'expose longer and focus'
+
 
 class Rejections:
     """Counts each rejected spot once, under the first reason that holds, with its position."""
@@ -18,6 +31,14 @@ class Rejections:
         if len(uv):
             self.counts[reason] = self.counts.get(reason, 0) + len(uv)
             self.uv.append(np.asarray(uv, float))
+
+    @property
+    def text(self) -> str:
+        """Return what the spots are, the most frequent first, and what helps against those."""
+        counts = sorted(self.counts.items(), key=lambda item: -item[1])
+        kinds = ', '.join(f'{count} {_WORDS.get(reason, reason)}' for reason, count in counts)
+        return (f'none of {sum(self.counts.values())} detections is a star ({kinds}): '
+                f'{_REMEDIES.get(counts[0][0], _REMEDY)}')
 
     def include(self, other: 'Rejections') -> None:
         """Add all spots of another list."""

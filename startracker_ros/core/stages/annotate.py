@@ -6,7 +6,7 @@
 import cv2
 import numpy as np
 from startracker_ros.core.catalog.deep import star_name
-from startracker_ros.core.catalog.names import BRIGHT_STARS
+from startracker_ros.core.catalog.names import STAR_NAMES
 
 # Two ticks, right of the star and below it, leave the star itself free.
 RETICLE_TICKS_PX = np.array([(6.0, 0.0), (14.0, 0.0), (0.0, 6.0), (0.0, 14.0)])
@@ -48,7 +48,7 @@ def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
         colour = IDENTIFIED if number else FOUND
         cv2.circle(picture, centre, round(_CIRCLE_PX * size), colour, labels.thick, cv2.LINE_AA)
         if number:
-            name = BRIGHT_STARS.get(int(number)) or star_name(int(number))
+            name = STAR_NAMES.get(int(number)) or star_name(int(number))
             labels.write(picture, name, centre, colour)
     return picture
 

@@ -27,19 +27,17 @@ from startracker_ros.core.identify.ladder import Attempt, ATTEMPTS, LadderIdenti
 from startracker_ros.core.identify.searched_fields import HIGHEST_DEG, LOWEST_DEG
 from startracker_ros.core.identify.tiled import Fields, Place, TiledIdentifier
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
+    conjugate, matrix_from_quaternion, multiply, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
 # Of the nominal camera, and of any field; unknown lenses are certain. With a catalogue of the
-# user, of its narrow fields near a position, and anywhere.
-_SEARCHES, _TILED_SEARCHES = 2, 2
+# user as well, near a position and anywhere.
+_SEARCHES, _TILED_SEARCHES = 2, 4
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
-# explains: these are searched too. Where the field is given it is mostly right.
+# explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
-# Where so narrow a field is given the camera is no fisheye, however wrong the field is.
-_TELE_RAD = np.radians(45.0)
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -47,9 +45,8 @@ class _Search(NamedTuple):
     """
     How one image is searched.
 
-    any_field is whether that is of other fields than of the camera; coarse says why its pixels
-    resolve no stars, empty if they do. A lens of up to enough_deg that an earlier search finds
-    needs no such search where no field is given.
+    any_field is whether that is of other fields than of the camera. A lens of up to enough_deg
+    that an earlier search of any field finds needs no such search.
     """
 
     camera: Camera
@@ -60,17 +57,16 @@ class _Search(NamedTuple):
     fields: str
     enough_deg: float = _WIDEST_GIVEN_DEG
     any_field: bool = True
-    coarse: str = ''
 
 
 class PhotographSolver:
     """
     Solves photographs at one epoch; the lens is fitted to each.
 
-    A nominal camera is believed first, then any field of view is searched: both together are as
-    strict as one identification. Lenses of which nothing is known, not the centre either, are the
-    last, and certain: of cropped images, and fisheyes. A catalogue of the user is
-    searched before all others, for the narrow fields that it is made for.
+    A nominal camera is believed first, then any field of view is searched as if none were given:
+    both together are as strict as one identification. Lenses of which nothing is known, not the
+    centre either, are the last, and certain: of cropped images, and fisheyes. A catalogue of the
+    user is searched before all others, for the narrow fields that it is made for.
     """
 
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
@@ -102,37 +98,35 @@ class PhotographSolver:
             if len(most) < MIN_STARS:
                 camera = _likely(image.shape) if nominal is None else nominal
                 return Solution.none(camera, most, extraction.status, extraction.reason)
-        return self.solve_lists(
-            detections, image.shape, nominal, observer, bodies, place, extraction.reason)
+        return self.solve_lists(detections, image.shape, nominal, observer, bodies, place)
 
     def solve_lists(self, lists: Iterable[Centroids], shape: tuple[int, int],
                     nominal: Camera | None = None, observer: Observer = AT_REST,
-                    bodies: Bodies = Bodies(), place: Place | None = None, remark: str = ''
-                    ) -> Solution:
+                    bodies: Bodies = Bodies(), place: Place | None = None) -> Solution:
         """
         Return what solve() does, from lists of the spots of an image of shape (H, W) px.
 
-        The lists are tried in turn; remark is what else may be the reason for no solution.
+        The lists are tried in turn.
         """
         searches = [
-            _any_field(self._blind, shape, nominal),
+            _any_field(self._blind, shape),
             _unknown_lens(self._unknown, shape, RECTILINEAR,
-                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG)]
-        if nominal is None or max(nominal.fov_x_rad, nominal.fov_y_rad) > _TELE_RAD:
-            searches.append(_unknown_lens(
-                self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG))
-        if nominal is not None:
-            searches.insert(0, self._known(nominal))
-        narrow, lack = self._narrow(nominal, shape, place)
+                          f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
+            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
+        narrow, lacks = self._narrow(None, shape, place)
         searches[:0] = narrow
+        if nominal is not None:
+            narrow, more_lacks = self._narrow(nominal, shape, place)
+            coarse = _coarse(nominal)
+            searches[:0] = narrow if coarse else [*narrow, self._known(nominal)]
+            lacks = [*dict.fromkeys(more_lacks + lacks), *([coarse] if coarse else [])]
         first = searches[0]
-        if first.coarse:
-            return Solution.none(first.camera, next(iter(lists)), 'too_small', first.coarse)
         rejected = ''
         best: Solution | None = None
         for search in searches:
-            enough_deg = search.enough_deg if nominal is None else _WIDEST_GIVEN_DEG
-            if best is not None and best.fov_deg <= enough_deg:
+            given = best is not None and best.dropped is None and nominal is not None
+            enough_deg = _WIDEST_GIVEN_DEG if given else search.enough_deg
+            if best is not None and best.camera.seen_x_rad <= np.radians(enough_deg):
                 continue
             solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
@@ -148,25 +142,24 @@ class PhotographSolver:
             found = _identification(attempt, lens, search.attempts * self._count, observer)
             if best is None or lens.matched > best.matched:
                 best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                                SkyMapping(lens.camera, lens.axis_quaternion), seen,
-                                nominal if search.any_field else None)
+                                SkyMapping(lens.camera, lens.attitude.quaternion), seen,
+                                nominal if search.any_field else None, fitted=True)
         if best is not None:
             return best
         most = max(lists, key=len)
-        unexplained = (f'{len(most)} spots, no lens of '
-                       f'{" and none of ".join(search.fields for search in searches)} explains '
-                       'them as stars: another --fov-deg, or no night sky')
-        if lack:
-            unexplained += f'; {lack}'
-        return Solution.none(first.camera, most, 'no_candidate',
-                             rejected or remark or unexplained)
+        tried = ', '.join(search.fields for search in searches)
+        unexplained = '; '.join([
+            f'{len(most)} detections, but no known stars among them; searched: {tried}',
+            *([f'the best try: {rejected}'] if rejected else []), *lacks,
+            'if it is the night sky: focus, expose longer, or subtract a dark frame'])
+        return Solution.none(first.camera, most, 'no_candidate', unexplained)
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
-                ) -> tuple[list[_Search], str]:
+                ) -> tuple[list[_Search], list[str]]:
         """Return the searches with the catalogue of the user, and what it lacks for others."""
         searches, lacks = list[_Search](), list[str]()
         if self._tiled is None:
-            return searches, ''
+            return searches, lacks
         for one in (None,) if place is None else (place, None):
             fields = self._tiled.fields_about(nominal, self._fov_error, one)
             if fields is None:
@@ -176,7 +169,7 @@ class PhotographSolver:
                 searches.append(_with_tiles(self._tiled, shape, fields, one, nominal))
             elif one is place:
                 lacks.append(lack)
-        return searches, '; '.join(lacks)
+        return searches, lacks
 
 
 def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
@@ -187,7 +180,8 @@ def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
     if solved is None:
         return ''
     _, lens = solved
-    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
+    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(
+        multiply(lens.attitude.quaternion, lens.camera.middle_axes)))
     return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
             f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
@@ -198,13 +192,19 @@ def _likely(shape: tuple[int, int]) -> Camera:
     return Camera.from_fov(width, height, LIKELY_DEG)
 
 
-def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], nominal: Camera | None
-               ) -> _Search:
-    """Return the search of an image of shape (H, W) of any field, short after a nominal one."""
-    identify = identifier.identify if nominal is None else identifier.identify_quickly
+def _coarse(nominal: Camera) -> str:
+    """Return why the pixels of a nominal camera resolve no stars, empty if they do."""
+    pixel_deg = float(np.degrees(nominal.pixel_rad))
+    return (f'of {np.degrees(nominal.fov_x_rad):.3g} deg a pixel is {pixel_deg:.2g} deg wide: '
+            f'more than {COARSEST_PIXEL_DEG} resolves no stars'
+            if pixel_deg > COARSEST_PIXEL_DEG else '')
+
+
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int]) -> _Search:
+    """Return the search of an image of shape (H, W) of any field."""
     return _Search(
         _likely(shape),
-        lambda lists: identify(lists, shape),
+        lambda lists: identifier.identify(lists, shape),
         lambda lists: identifier.identify_quickly(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS,
         f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg')
@@ -220,7 +220,7 @@ def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fie
         nominal or Camera.from_fov(width, height, fields.high_deg), identify,
         partial(identify, quickly=True), blind.LENS_ERROR, blind.ATTEMPTS,
         f'{fields.low_deg:.3g} to {fields.high_deg:.3g} deg in {identifier.catalogue.folder} '
-        f'{where}', any_field=False)
+        f'{where}', any_field=nominal is None)
 
 
 def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], lenses: Lenses,
@@ -235,13 +235,10 @@ def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], len
 
 def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:
     """Return the search of all images of a nominal camera."""
-    pixel_deg = float(np.degrees(camera.pixel_rad))
-    coarse = (f'a pixel is {pixel_deg:.2g} deg wide: more than {COARSEST_PIXEL_DEG} resolves no '
-              'stars' if pixel_deg > COARSEST_PIXEL_DEG else '')
     ladder = LadderIdentifier(camera, epoch_year, options)
     return _Search(camera, ladder.identify, ladder.identify_mirrored,
                    options.fov_error_percent / 100, ATTEMPTS,
-                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False, coarse=coarse)
+                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False)
 
 
 def first_lens(attempts: Iterable[Attempt], fov_error: float
@@ -263,7 +260,7 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
     """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
     matched = lens.star >= 0
     magnitude = np.where(matched, attempt.onboard.magnitude[lens.star], np.nan)
-    mapping = SkyMapping(lens.camera, lens.axis_quaternion)
+    mapping = SkyMapping(lens.camera, lens.attitude.quaternion)
     seen, spots = bodies.in_image(mapping), bodies.spots(mapping, attempt.centroids, magnitude)
     if (spots & matched).any():
         found = attempt.identification
@@ -283,22 +280,25 @@ def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
     magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
     false_alarm = attempt.identification.false_alarm_probability * attempts
     centroids = attempt.centroids.select(known)
-    attitude = _apparent(lens.attitude, observer, lens.camera.unproject(centroids.uv),
+    attitude = _apparent(lens.attitude, lens.camera, observer, centroids.uv,
                          np.hypot(centroids.sigma_px, lens.sigma_px))
     return Identification('identified', f'{lens.matched} stars', hip, magnitude,
                           lens.residual_px, attitude, lens.focal_ratio, min(false_alarm, 1.0))
 
 
-def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
+def _apparent(attitude: AttitudeEstimate, camera: Camera, observer: Observer, uv: np.ndarray,
               sigma: np.ndarray) -> AttitudeEstimate:
     """
     Return an attitude that was fitted to directions without aberration, with it.
 
-    sensor (N, 3) and sigma (N,) are those of velocity_covariance().
+    The lens has what differs from that of the middle of the image. uv (N, 2) px with sigma (N,)
+    are the stars.
     """
     if observer.vantage is not None:
-        axes = matrix_from_quaternion(attitude.quaternion)
+        axes = matrix_from_quaternion(multiply(attitude.quaternion, camera.middle_axes))
         z, y = apparent_directions(
             np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
-        attitude = replace(attitude, quaternion=quaternion_from_axes(z, y))
-    return with_observer_error(attitude, observer, sensor, sigma)
+        quaternion = multiply(quaternion_from_axes(z, y), conjugate(camera.middle_axes))
+        attitude = replace(
+            attitude, quaternion=-quaternion if quaternion[3] < 0 else quaternion)
+    return with_observer_error(attitude, observer, camera.unproject(uv), sigma)

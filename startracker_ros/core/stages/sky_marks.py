@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.catalog.constellations import FIGURES, NAMES
-from startracker_ros.core.catalog.names import BRIGHT_STARS
+from startracker_ros.core.catalog.names import STAR_NAMES
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.bodies import BodyInImage
@@ -37,11 +37,11 @@ def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.
                      labels: Labels) -> None:
     """Write the names of bright stars that are not among the identified ones hip (N,)."""
     catalog = load_catalog().brighter_than(4.0)
-    named = np.isin(catalog.hip, [*BRIGHT_STARS]) & ~np.isin(catalog.hip, hip)
+    named = np.isin(catalog.hip, [*STAR_NAMES]) & ~np.isin(catalog.hip, hip)
     uv = sky.pixels(catalog.directions(year, earth_position_au(year))[named])
     for number, pixel in zip(catalog.hip[named], uv):
         if sky.camera.contains(pixel):
-            labels.write(picture, BRIGHT_STARS[int(number)], tuple(map(round, pixel.tolist())),
+            labels.write(picture, STAR_NAMES[int(number)], tuple(map(round, pixel.tolist())),
                          NAMED)
 
 

@@ -29,7 +29,7 @@ from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
-from startracker_ros.core.maths.rotation import rotate
+from startracker_ros.core.maths.rotation import rotate, unit_from_radec
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.evaluation.bench import astrometry_net
@@ -137,8 +137,8 @@ def _whole(images: Sequence[Photograph], cameras: Sequence[Camera | None]
         # Databases are built beforehand.
         solver.solve(image.image, given)
         time_s, solution = cpu_timed(solver.solve, image.image, given)
-        found.append((None if solution.quaternion is None else
-                      rotate(solution.quaternion, [0.0, 0.0, 1.0]), time_s))
+        found.append((unit_from_radec(*np.radians([solution.ra_deg, solution.dec_deg]))
+                      if solution.solved else None, time_s))
         bright.append(brightest_stars(solution, image.epoch_year))
     return found, bright
 

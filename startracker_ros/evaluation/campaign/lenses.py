@@ -22,7 +22,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import Attempt, LadderIdentifier
-from startracker_ros.core.maths.rotation import random_attitude, rotate
+from startracker_ros.core.maths.rotation import multiply, random_attitude, rotate
 from startracker_ros.evaluation.campaign.parallel import parallel_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import machine
@@ -124,7 +124,8 @@ def accepted_lens(attempts: Iterable[Attempt], error: float) -> LearntLens | Non
 
 def middle_of(lens: LearntLens | None) -> np.ndarray | None:
     """Return the direction (3,) of the middle of an image, None if it is not solved."""
-    return None if lens is None else rotate(lens.attitude.quaternion, [0.0, 0.0, 1.0])
+    return None if lens is None else rotate(
+        multiply(lens.attitude.quaternion, lens.camera.middle_axes), [0.0, 0.0, 1.0])
 
 
 def run_lenses_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:

@@ -3,18 +3,22 @@
 
 """Images of FITS files, read by astropy."""
 
-from datetime import datetime, UTC
+from datetime import datetime, timedelta, UTC
 import io
 import math
+import re
 from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
-from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.extras import extra
 from startracker_ros.io.images.exif import stated_fov_deg, Taken
 
 BEGIN = b'SIMPLE  ='
+_OLD_DATE = re.compile(r'\d\d/\d\d/\d\d')
+_LEAP_SECOND = re.compile(r'^([^T]*T\d\d:\d\d:)60')
+_MJD_OF_UNIX = 40587.0
 
 
 class FitsImage(NamedTuple):
@@ -23,7 +27,7 @@ class FitsImage(NamedTuple):
 
     bottom_up is whether the first row of the file is the lowest one of the image, order_known
     whether the header says so. pointing_deg is where the telescope was, right ascension and
-    declination, None if unknown.
+    declination, None if unknown. step is that of levels.Levels.
     """
 
     image: np.ndarray
@@ -32,6 +36,7 @@ class FitsImage(NamedTuple):
     bottom_up: bool
     order_known: bool
     pointing_deg: tuple[float, float] | None
+    step: float
 
 
 def read_fits(content: bytes, most_pixels: int) -> FitsImage:
@@ -47,7 +52,7 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
         try:
             with fits.open(io.BytesIO(content), memmap=False) as units:
                 unit = _image_unit(units, most_pixels)
-                pixels, header = _plane(unit.data), unit.header.copy()
+                pixels, header = one_plane(unit.data), unit.header.copy()
         except ValueError:
             raise
         # astropy raises errors of many types for damaged files.
@@ -55,15 +60,19 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
             raise ValueError(f'astropy cannot read this FITS file: {error}') from error
     # The FITS standard has the first row at the bottom, ROWORDER is what cameras write.
     order = str(header.get('ROWORDER', '')).strip().upper()
-    bottom_up = order != 'TOP-DOWN'
-    image = sixteen_bit(np.ascontiguousarray(pixels[::-1] if bottom_up else pixels))
-    # The byte order of the file is that of no array operation of OpenCV.
-    image = image.astype(image.dtype.newbyteorder('='))
+    return described(pixels, header, order != 'TOP-DOWN', order in ('TOP-DOWN', 'BOTTOM-UP'))
+
+
+def described(pixels: np.ndarray, header: Any, bottom_up: bool, order_known: bool) -> FitsImage:
+    """Return pixels (H, W) of any number type with what the cards of a header say."""
+    # The byte order of a file is that of no array operation of OpenCV.
+    native = pixels.astype(pixels.dtype.newbyteorder('='), copy=False)
+    image, step = levels_of(np.ascontiguousarray(native[::-1] if bottom_up else native))
     return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up,
-                     order in ('TOP-DOWN', 'BOTTOM-UP'), _pointing_deg(header))
+                     order_known, _pointing_deg(header), step)
 
 
-def _plane(cube: np.ndarray) -> np.ndarray:
+def one_plane(cube: np.ndarray) -> np.ndarray:
     """Return the image (H, W) of (H, W), of planes (..., H, W) or of colours (H, W, 3)."""
     cube = np.squeeze(cube)
     if cube.ndim == 2:
@@ -75,8 +84,12 @@ def _plane(cube: np.ndarray) -> np.ndarray:
 
 
 def _image_unit(units: Any, most_pixels: int) -> Any:
-    """Return the first unit with an image of two sides or more; ValueError names what there is."""
-    found = []
+    """
+    Return the first unit with an image of two sides or more; ValueError names what there is.
+
+    One whose pixels are all the same, as a mask of no bad ones, is the last choice.
+    """
+    found, uniform = [], None
     for unit in units:
         if not unit.is_image:
             found.append('a table')
@@ -86,21 +99,44 @@ def _image_unit(units: Any, most_pixels: int) -> Any:
             if math.prod(sides) > most_pixels:
                 raise ValueError(f'{" x ".join(map(str, reversed(sides)))} px, at most '
                                  f'{most_pixels // 1_000_000} million px are solved')
-            return unit
+            values = unit.data[np.isfinite(unit.data)]
+            if values.size and values.min() < values.max():
+                return unit
+            uniform = uniform or unit
         if unit.shape:
             found.append('an array of ' + ' x '.join(map(str, unit.shape)))
+    if uniform is not None:
+        return uniform
     raise ValueError(f'FITS without an image: {", ".join(found) or "empty"}')
 
 
 def _taken(header: Any) -> Taken | None:
-    """Return DATE-OBS, which is UTC; its hour is unknown where it is only a date."""
+    """
+    Return DATE-OBS or MJD-OBS, which are UTC; the hour of a date alone is unknown.
+
+    FITS standard 4.0, section 9: DD/MM/YY is of the twentieth century. Second 60 is the leap
+    second, which UNIX time does not have: the next one.
+    """
     text = str(header.get('DATE-OBS', '')).strip()
     try:
-        time = datetime.fromisoformat(text)
+        if _OLD_DATE.fullmatch(text):
+            day, month, year = map(int, text.split('/'))
+            time = datetime(1900 + year, month, day)
+        else:
+            time = datetime.fromisoformat(_LEAP_SECOND.sub(r'\g<1>59', text))
+            time += timedelta(seconds=bool(_LEAP_SECOND.match(text)))
     except ValueError:
-        return None
+        return _taken_by_mjd(header.get('MJD-OBS'))
     utc = time if time.tzinfo else time.replace(tzinfo=UTC)
     return Taken(round(utc.timestamp() * 1e6) * 1000, 'T' in text, 'DATE-OBS')
+
+
+def _taken_by_mjd(value: Any) -> Taken | None:
+    try:
+        stamp_s = (float(value) - _MJD_OF_UNIX) * 86400
+    except (TypeError, ValueError):
+        return None
+    return Taken(round(stamp_s * 1e3) * 10 ** 6, True, 'MJD-OBS') if abs(stamp_s) < 1e10 else None
 
 
 def _pointing_deg(header: Any) -> tuple[float, float] | None:

@@ -14,9 +14,11 @@ import zlib
 import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
+from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
-from startracker_ros.io.images import fits_image
+from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
+from startracker_ros.io.images import fits_image, ser_video, xisf_image
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.exif import read_exif, Taken, upright
 
@@ -34,7 +36,7 @@ ANY_FISHEYE_DEG = 180.0
 _GZIP = b'\x1f\x8b'
 _RAW_SUFFIXES = ('.arw', '.cr2', '.cr3', '.dng', '.nef', '.orf', '.pef', '.raf', '.rw2', '.srw')
 _SUFFIXES = ('.bmp', '.fit', '.fit.gz', '.fits', '.fits.fz', '.fits.gz', '.fts', '.jpeg', '.jpg',
-             '.pgm', '.png', '.tif', '.tiff', '.webp', *_RAW_SUFFIXES)
+             '.pgm', '.png', '.tif', '.tiff', '.webp', '.xisf', *_RAW_SUFFIXES)
 # What it warns of is an ImageError. OpenCV 4.6, that of Ubuntu Noble, has the older name.
 _SILENT = 0
 
@@ -53,7 +55,8 @@ class Photograph(NamedTuple):
     fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
     is whether the file has the lowest row of the image first, order_known whether it says which,
     mirrored whether its first column is the last one of the image. pointing_deg is where a mount
-    says that it is, right ascension and declination.
+    says that it is, right ascension and declination. step is how much of the values of the file
+    one level of the image is.
     """
 
     image: np.ndarray
@@ -63,6 +66,7 @@ class Photograph(NamedTuple):
     order_known: bool = True
     mirrored: bool = False
     pointing_deg: tuple[float, float] | None = None
+    step: float = 1.0
 
     @property
     def fov_x_deg(self) -> float | None:
@@ -108,8 +112,11 @@ def read_photograph(path: str | Path) -> Photograph:
     begin = content[:_CHECKED_BYTES].tobytes()
     try:
         if begin.startswith(fits_image.BEGIN):
-            found = fits_image.read_fits(content.tobytes(), MOST_PIXELS)._asdict()
-            return Photograph(**found)
+            return Photograph(**fits_image.read_fits(content.tobytes(), MOST_PIXELS)._asdict())
+        if begin.startswith(xisf_image.BEGIN):
+            return Photograph(**xisf_image.read_xisf(content.tobytes(), MOST_PIXELS)._asdict())
+        if begin.startswith(ser_video.BEGIN):
+            return _first_of_ser(path)
         if path.suffix.lower() in _RAW_SUFFIXES:
             return _read_raw(content.tobytes())
     except (ValueError, MissingLibraryError) as error:
@@ -142,15 +149,23 @@ def _decode(path: Path, content: np.ndarray) -> Photograph:
         raise ImageError(f'{path}: OpenCV cannot read it: {error.err}') from error
     if image is None:
         raise ImageError(f'{path}: not an image that OpenCV can read')
-    if image.dtype not in (np.uint8, np.uint16):
-        raise ImageError(f'{path}: pixels of type {image.dtype}, must be 8 or 16 bit integers')
-    image = grey(image)
+    try:
+        image, step = levels_of(grey(image))
+    except ValueError as error:
+        raise ImageError(f'{path}: {error}') from error
     exif = read_exif(content.tobytes())
-    return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken)
+    return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken, step=step)
+
+
+def _first_of_ser(path: Path) -> Photograph:
+    first = next(ser_video.ser_frames(path, MOST_PIXELS), None)
+    if first is None:
+        raise ValueError('a truncated SER file')
+    return Photograph(grey(first.image), taken=first.taken)
 
 
 def grey(image: np.ndarray) -> np.ndarray:
-    """Return (H, W) of (H, W) or (H, W, C), uint8 or uint16: the mean of three channels."""
+    """Return (H, W) of (H, W) or (H, W, C): the mean of three channels."""
     if image.ndim == 2:
         return image
     if image.shape[2] == 1:
@@ -236,6 +251,17 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
         return load_camera(camera_file)
     _ideal_camera(1, 1, fov_deg, distortion_model)
     return None
+
+
+def given_camera(width: int, height: int, fov_deg: float) -> Camera | None:
+    """
+    Return the ideal camera of a field of view, None for one so wide that no such lens has it.
+
+    CameraError for an impossible field.
+    """
+    wide = fov_deg > HIGHEST_DEG
+    camera = _ideal_camera(width, height, fov_deg, EQUIDISTANT if wide else PLUMB_BOB)
+    return None if wide else camera
 
 
 def _ideal_camera(width: int, height: int, fov_deg: float | None,

@@ -12,20 +12,30 @@ import warnings
 import cv2
 import numpy as np
 from PIL import Image
+from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.io.images.exif import Taken
 from startracker_ros.io.images.images import grey, ImageError, MOST_PIXELS
+from startracker_ros.io.images.ser_video import ser_frames
 
-SUFFIXES = ('.avi', '.m4v', '.mkv', '.mov', '.mp4', '.mpeg', '.mpg', '.webm', '.wmv')
+_SER = '.ser'
+SUFFIXES = (_SER, '.avi', '.m4v', '.mkv', '.mov', '.mp4', '.mpeg', '.mpg', '.webm', '.wmv')
 _PAGED = ('.apng', '.gif', '.png', '.tif', '.tiff', '.webp')
 # OpenCV converts other pixel formats to 8-bit colour.
 _GREY_16 = int.from_bytes(b'Y1\0\x10', 'little')
 
 
 class Frame(NamedTuple):
-    """Image (H, W) uint8 or uint16, its number in the file from 0, and its time in s from 0."""
+    """
+    Image (H, W) uint8 or uint16, its number in the file from 0, and its time in s from 0.
+
+    The time is 0 for all where the file has none; taken is when a frame was taken where the file
+    says that.
+    """
 
     number: int
     time_s: float
     image: np.ndarray
+    taken: Taken | None = None
 
 
 def is_video(path: Path) -> bool:
@@ -56,12 +66,28 @@ def frames(path: Path) -> Iterator[Frame]:
 
     ImageError for a file without a frame that can be decoded, or with too large ones.
     """
-    found = _video(path) if path.suffix.lower() in SUFFIXES else _pages(path)
+    suffix = path.suffix.lower()
+    found = (_ser(path) if suffix == _SER else _video(path) if suffix in SUFFIXES
+             else _pages(path))
     first = next(found, None)
     if first is None:
         raise ImageError(f'{path}: no frame that can be decoded')
     yield first
     yield from found
+
+
+def _ser(path: Path) -> Iterator[Frame]:
+    first: Taken | None = None
+    try:
+        for number, (image, taken) in enumerate(ser_frames(path, MOST_PIXELS)):
+            first = taken if number == 0 else first
+            time_s = 0.0 if first is None or taken is None else (
+                taken.stamp_ns - first.stamp_ns) / 1e9
+            yield Frame(number, time_s, grey(image), taken)
+    except OSError as error:
+        raise ImageError(f'{path}: {error.strerror}') from error
+    except ValueError as error:
+        raise ImageError(f'{path}: {error}') from error
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
@@ -107,11 +133,11 @@ def _pages(path: Path) -> Iterator[Frame]:
 
 
 def _pixels(image: Image.Image) -> np.ndarray:
-    """Return the current page as (H, W) or (H, W, 3), uint8 or uint16."""
+    """Return the current page as (H, W) or (H, W, 3) uint8, or (H, W) uint16."""
     if image.mode == 'I' and image.format == 'PNG':
         # Pillow before 10.3 has no mode of its own for 16 bit there.
         return np.asarray(image).astype(np.uint16)
     if image.mode in ('F', 'I'):
-        raise ValueError(f'pixels of mode {image.mode}, must be 8 or 16 bit integers')
+        return sixteen_bit(np.asarray(image))
     pixels = np.asarray(image if image.mode in ('L', 'I;16', 'I;16B') else image.convert('RGB'))
     return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder('='))

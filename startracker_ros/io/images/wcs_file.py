@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Cameras of FITS headers: TAN projection with SIP distortion, as astrometry.net and sip.py write it.
+Cameras of FITS headers: TAN with SIP, as astrometry.net writes it, or ZPN, as sip.py does.
 
 The distortion of SIP is any polynomial (sip.py), that of a camera is radial and tangential. The
 camera is fitted to the directions of a grid of pixels: Levenberg-Marquardt on focal lengths,
@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.distortion import MODELS, PLUMB_BOB, RATIONAL
+from startracker_ros.core.camera.distortion import (
+    EQUIDISTANT, MODELS, PLUMB_BOB, RATIONAL, terms_of)
+from startracker_ros.core.camera.lens import farthest_angle, Lens, rays, undistorted
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.camera.sip import evaluate
+from startracker_ros.core.camera.sip import evaluate, plane_axes
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, quaternion_from_rotation_vector)
+    matrix_from_quaternion, quaternion_from_rotation_vector, unit_from_radec)
 
 LARGEST_RESIDUAL_PX = 0.5
 """A header whose distortion no camera model has to within this, anywhere in the image, is
@@ -29,6 +31,8 @@ SUFFIXES = ('.wcs', '.fits', '.fit', '.fts', '.hdr', '.head')
 _LARGEST_HEADER_BYTES = 10_000_000
 _CARD, _BLOCK = 80, 2880  # bytes
 _GRID = 21  # pixels along each side
+# Of TAN, each with so many terms free.
+_MODELS = (PLUMB_BOB, 0), (PLUMB_BOB, 1), (PLUMB_BOB, 5), (RATIONAL, 8)
 _ENOUGH_PX = 0.01  # residual at which a model with fewer terms is chosen
 # Prior standard deviations of what a narrow field does not determine: principal point (of the
 # width), distortion terms. They count little beside pixels known to _GRID_SIGMA_PX.
@@ -145,26 +149,65 @@ def _polynomial(header: dict[str, str], name: str) -> np.ndarray:
                      for i in range(order + 1)])
 
 
+def header_directions(content: bytes, pixels: np.ndarray) -> np.ndarray:
+    """Return unit vectors (N, 3) on ICRS axes of pixels (N, 2) by a header as sip.py writes it."""
+    header = _wcs_header(content)
+    axis = unit_from_radec(*np.radians([float(header['CRVAL1']), float(header['CRVAL2'])]))
+    return _native_directions(header, pixels) @ plane_axes(axis)
+
+
+def _radial(header: dict[str, str]) -> tuple[float, ...] | None:
+    """Return k1 to k4 of ZPN, None of TAN; CameraError for any other projection."""
+    for kind in ('TAN', 'ZPN'):
+        for end in ('', '-SIP'):
+            if (header['CTYPE1'].upper(), header['CTYPE2'].upper()) == (
+                    f'RA---{kind}{end}', f'DEC--{kind}{end}'):
+                if kind == 'TAN':
+                    return None
+                terms = [float(header.get(f'PV2_{m}', 0)) for m in range(21)]
+                if terms[1] != 1 or any(terms[0::2]) or any(terms[11::2]):
+                    raise CameraError('PV2_m of ZPN must be 1 for m = 1, else be of the odd m '
+                                      'from 3 to 9')
+                return tuple(terms[3:11:2])
+    raise CameraError(f'projection {header["CTYPE1"]}, {header["CTYPE2"]} is not TAN or ZPN, '
+                      'with or without SIP')
+
+
+def _native_directions(header: dict[str, str], pixels: np.ndarray) -> np.ndarray:
+    """Return unit vectors (N, 3) of pixels (N, 2): east and north of the axis, and along it."""
+    offset = pixels - _reference_px(header)
+    if header['CTYPE1'].upper().endswith('-SIP'):
+        offset = offset + evaluate([_polynomial(header, name) for name in ('A', 'B')], offset)
+    plane = np.radians(offset @ _matrix_deg(header).T)
+    radial = _radial(header)
+    if radial is None:
+        direction = np.column_stack([plane, np.ones(len(plane))])
+        return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    terms = terms_of(EQUIDISTANT, radial)
+    lens = Lens(1, 1, 1.0, 1.0, 0.0, 0.0, terms, True, True, farthest_angle(True, terms))
+    return rays(True, undistorted(lens, plane))
+
+
+def _reference_px(header: dict[str, str]) -> np.ndarray:
+    """Return the reference pixel (2,), counted from zero."""
+    return np.array([float(header['CRPIX1']), float(header['CRPIX2'])]) - 1
+
+
 def _fitted(header: dict[str, str]) -> WcsCamera:
     """Return the camera that fits a header best."""
-    kinds = tuple(header[name].upper() for name in ('CTYPE1', 'CTYPE2'))
-    if kinds not in (('RA---TAN', 'DEC--TAN'), ('RA---TAN-SIP', 'DEC--TAN-SIP')):
-        raise CameraError(f'projection {kinds[0]}, {kinds[1]} is not TAN or TAN-SIP')
+    radial = _radial(header)
     width, height = _image_size(header)
-    crpix = np.array([float(header['CRPIX1']), float(header['CRPIX2'])]) - 1
+    crpix = _reference_px(header)
     cd = _matrix_deg(header)
     scale_deg = np.sqrt(abs(np.linalg.det(cd)))
     if not 1e-6 < scale_deg < 10:
         raise CameraError(f'{scale_deg:g} deg a pixel is no camera')
     u, v = np.meshgrid(*(np.linspace(-0.5, side - 0.5, _GRID) for side in (width, height)))
     pixel = np.stack([u.ravel(), v.ravel()], -1)
-    offset = pixel - crpix
-    if kinds[0].endswith('SIP'):
-        offset = offset + evaluate([_polynomial(header, name) for name in ('A', 'B')], offset)
-    plane = np.radians(offset @ cd.T)
     # East, north and away from the observer are right-handed axes, as those of the sensor.
-    direction = np.column_stack([plane, np.ones(len(plane))])
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = _native_directions(header, pixel)
+    seen = np.isfinite(direction).all(axis=1)
+    pixel, direction = pixel[seen], direction[seen]
     bottom_up = bool(np.linalg.det(cd) < 0)
     if bottom_up:
         pixel[:, 1], crpix[1] = height - 1 - pixel[:, 1], height - 1 - crpix[1]
@@ -172,11 +215,10 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
     focal = 1 / np.radians(scale_deg)
     # Image x and y on the axes of the header: the rotation of its CD.
     turn = np.arctan2(cd[1, 0] - cd[0, 1], cd[0, 0] + cd[1, 1])
-    start = Camera(width, height, focal, focal, *_on_chip(crpix, width, height))
     best = None
-    for model, terms in ((PLUMB_BOB, 0), (PLUMB_BOB, 1), (PLUMB_BOB, 5), (RATIONAL, 8)):
-        camera = replace(start, distortion_model=model,
-                         distortion=(0.0,) * len(MODELS[model].coefficients))
+    for model, terms in (_MODELS if radial is None else ((EQUIDISTANT, 4),)):
+        camera = Camera(width, height, focal, focal, *_on_chip(crpix, width, height),
+                        radial or (0.0,) * len(MODELS[model].coefficients), model)
         fit, residual_px = _fit(camera, terms, turn, crpix, pixel, direction)
         if fit is not None and (best is None or residual_px < best[1]):
             best = fit, residual_px
@@ -184,8 +226,8 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
             break
     if best is None or best[1] > LARGEST_RESIDUAL_PX:
         left = 'folds the image' if best is None else f'leaves {best[1]:.2g} px'
-        raise CameraError(f'its distortion is none of plumb_bob or rational_polynomial: the best '
-                          f'fit {left}, at most {LARGEST_RESIDUAL_PX:g} px are accepted')
+        raise CameraError(f'its distortion is none of {", ".join(MODELS)}: the best fit {left}, '
+                          f'at most {LARGEST_RESIDUAL_PX:g} px are accepted')
     return WcsCamera(*best, bottom_up)
 
 
@@ -207,7 +249,8 @@ def _fit(start: Camera, terms: int, turn: float, crpix: np.ndarray, pixel: np.nd
     size = np.array([start.width, start.height])
 
     def camera_of(x: np.ndarray) -> Camera:
-        distortion = (*x[4:4 + terms].tolist(), *start.distortion[terms:])
+        distortion = (*(np.array(start.distortion[:terms]) + x[4:4 + terms]).tolist(),
+                      *start.distortion[terms:])
         return replace(start, fx=float(start.fx * np.exp(x[0])), fy=float(start.fy * np.exp(x[1])),
                        cx=float(start.cx + x[2] * start.width),
                        cy=float(start.cy + x[3] * start.width), distortion=distortion)

@@ -150,18 +150,21 @@ Examples:
               '[default: OBJCTRA and OBJCTDEC, or RA and DEC, of a FITS header]')
 @click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
               'telescope with one mirror too many.')
+@click.option('--dark', 'dark_file', type=click.Path(path_type=Path),
+              help='Dark frame to subtract, an image of the same size; or bad pixels, a .txt or '
+              '.csv file with u,v on each line.')
 @click.option('--frames', 'selection', type=_Frames(), default=':', metavar='FIRST:END:STEP',
               help='Frames of videos and animated images, numbered from 0, as of a slice in '
               'Python.  [default: all]')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
-              help='Folder for a FITS header of each solved image, TAN-SIP.')
+              help='Folder for a FITS header of each solved image: TAN-SIP, of fisheyes ZPN.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
           selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
-          catalogue: Path | None, near_deg: tuple[float, float] | None,
+          catalogue: Path | None, near_deg: tuple[float, float] | None, dark_file: Path | None,
           **observer_site: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
@@ -171,6 +174,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.core.catalog.tiles import CatalogueError
     from startracker_ros.core.identify.identification import IdentificationOptions
+    from startracker_ros.io.images.images import ImageError
     from startracker_ros.tools.photographs.outputs import Outputs
     from startracker_ros.tools.photographs.solve import (
         CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
@@ -186,17 +190,20 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     paths = _image_files(images)
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
-    with usage_error_on(CameraError), exit_1_on(CatalogueError):
+    with usage_error_on(CameraError), exit_1_on(CatalogueError, ImageError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer_site=_observer_site(**observer_site),
                              mirror=mirror, selection=selection,
                              outputs=Outputs(annotate_folder, wcs_folder),
-                             catalogue=catalogue, near_deg=near_deg,
+                             catalogue=catalogue, near_deg=near_deg, dark_file=dark_file,
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent,
                                  time_limit_s=PHOTOGRAPH_LIMIT_S))
     print_result(result, as_json)
-    if not all(row['solved'] for row in result.rows):
+    for row in result.rows:
+        if row['not_written']:
+            click.echo(f'startracker: {row["file"]}: {row["not_written"]}', err=True)
+    if not all(row['solved'] and not row['not_written'] for row in result.rows):
         sys.exit(1)
 
 

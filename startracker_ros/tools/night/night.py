@@ -42,13 +42,16 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
     """
     simulated = {} if datasheet is None else _figures_at_rest(datasheet)
     camera = camera or camera_of_bag(source, namespace)
-    images = timed_images(source, start_year, interval_s, namespace, zone_needed=site is not None)
+    left_out = list[str]()
+    images = timed_images(source, start_year, interval_s, namespace, zone_needed=site is not None,
+                          left_out=left_out)
     seen = measure(_progress(images), camera, site, tracking)
     rows = [replace(each, simulated=simulated.get(each.case)) for each in all_rows(seen)]
     stamps = np.array([frame.stamp_ns for frame in seen.frames])
     goals = [each for each in rows if each.verdict in (MET, MISSED)]
     return Result('night', rows, {
         'begin': utc(stamps[0]), 'end': utc(stamps[-1]), 'frames': len(stamps),
+        **({'left_out': '; '.join(left_out)} if left_out else {}),
         'interval_s': float(np.median(np.diff(stamps))) * 1e-9,
         'camera': f'{camera.width} x {camera.height} px, {np.degrees(camera.fov_x_rad):.2f} deg',
         'mount': 'constant rate' if tracking else 'fixed to the Earth',

@@ -21,6 +21,7 @@ from startracker_ros.io.images.exif import Taken
 from startracker_ros.io.images.images import image_paths, ImageError, read_photograph
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.recordings.recording import full_name
+from startracker_ros.io.several_files import OneOfSeveral
 
 _IMAGE, _CAMERA_INFO = 'image_raw', 'camera_info'
 _IMAGE_TYPE = 'sensor_msgs/msg/Image'
@@ -45,27 +46,34 @@ def is_bag(path: Path) -> bool:
 
 
 def timed_images(source: Path, start_year: float | None, interval_s: float | None,
-                 namespace: str | None, *, zone_needed: bool = False) -> Iterator[TimedImage]:
+                 namespace: str | None, *, zone_needed: bool = False,
+                 left_out: list[str] | None = None) -> Iterator[TimedImage]:
     """
     Yield the images of a bag, a folder or a video, in order of their stamps.
 
     Those of a folder are stamped by their files, EXIF or DATE-OBS. Where start_year is given the
     first one is of that time, and where interval_s is given each is so much later than the one
-    before. NightError where no stamps are known, or where needed no zone of them; ImageError,
-    BagError.
+    before. left_out gets the reason for each file of a folder that cannot be read. NightError
+    where no stamps are known, or where needed no zone of them, or no file can be read;
+    ImageError, BagError.
     """
     if is_bag(source):
         yield from _of_bag(source, namespace)
     elif is_video(source):
-        begin_ns = _begin_ns(source, start_year)
+        begin_ns = 0
         for frame in frames(source):
+            if not frame.number:
+                begin_ns = _begin_ns(source, start_year, frame.taken)
+            elif interval_s is None and not frame.time_s:
+                raise NightError(f'{source}: no times in it, --interval-s is needed')
             time_s = frame.time_s if interval_s is None else frame.number * interval_s
             yield TimedImage(begin_ns + round(time_s * 1e9), frame.image)
     else:
-        yield from _of_files(source, start_year, interval_s, zone_needed)
+        yield from _of_files(source, start_year, interval_s, zone_needed,
+                             [] if left_out is None else left_out)
 
 
-def _begin_ns(source: Path, start_year: float | None, taken: Taken | None = None) -> int:
+def _begin_ns(source: Path, start_year: float | None, taken: Taken | None) -> int:
     """Return the stamp of the first image, the given one or that of its file."""
     if start_year is not None:
         return stamp_from_epoch_year(start_year)
@@ -75,13 +83,20 @@ def _begin_ns(source: Path, start_year: float | None, taken: Taken | None = None
 
 
 def _of_files(folder: Path, start_year: float | None, interval_s: float | None,
-              zone_needed: bool) -> Iterator[TimedImage]:
-    begin_ns, first = 0, None
+              zone_needed: bool, left_out: list[str]) -> Iterator[TimedImage]:
+    begin_ns, first, started = 0, None, False
     for number, path in enumerate(image_paths([folder])):
-        photograph = read_photograph(path)
+        photograph = None
+        with OneOfSeveral(left_out.append):
+            photograph = read_photograph(path)
+        if photograph is None:
+            continue
         taken = photograph.taken
-        if not number:
-            begin_ns, first = _begin_ns(path, start_year, taken), taken
+        if not started:
+            begin_ns, first, started = _begin_ns(path, start_year, taken), taken, True
+            if start_year is None and interval_s is not None:
+                # It may not be the first file.
+                begin_ns -= round(number * interval_s * 1e9)
             if zone_needed and start_year is None and taken and not taken.zone_known:
                 raise NightError(f'{path}: no time zone in it, --epoch is needed for --site')
         if interval_s is not None:
@@ -91,6 +106,8 @@ def _of_files(folder: Path, start_year: float | None, interval_s: float | None,
         else:
             later_ns = taken.stamp_ns - first.stamp_ns
         yield TimedImage(begin_ns + later_ns, photograph.image)
+    if left_out and not started:
+        raise NightError(left_out[0])
 
 
 def _of_bag(bag: Path, namespace: str | None) -> Iterator[TimedImage]:

@@ -21,6 +21,7 @@ from startracker_ros.core.centroid.extraction import (
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.options import options_by_class
 from startracker_ros.core.stages.solution import Solution
+from startracker_ros.io.images.dark import Dark, read_dark
 from startracker_ros.io.images.images import camera_of, Photograph, read_photograph
 from startracker_ros.tools.photographs.calibrate import calibrate_lists, MAX_STARS
 from startracker_ros.tools.photographs.epoch_and_site import checked_year, epoch_of, ObserverSite
@@ -34,14 +35,16 @@ Image = np.ndarray | str | Path
 def solve(image: Image, fov_deg: float | None = None,
           epoch: float | datetime | None = None, fov_error_percent: float | None = None, *,
           camera: Camera | None = None, catalogue: str | Path | None = None,
-          near_deg: tuple[float, float] | None = None, **options: Any) -> Solution:
+          near_deg: tuple[float, float] | None = None, dark: Image | None = None,
+          **options: Any) -> Solution:
     """
     Return attitude and lens of an image, as `startracker solve` does.
 
     fov_deg is the horizontal field of view; without it the file has it, or a search of all fields
     and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
     by default 5, of a calibrated camera 0.5. catalogue is a folder of `startracker catalogue`, for
-    narrow fields; near_deg right ascension and declination of the image within 5 deg.
+    narrow fields; near_deg right ascension and declination of the image within 5 deg. dark is a
+    dark frame of the same size, or a .txt or .csv file of bad pixels.
     epoch is the Julian year or the time, UTC where it names no zone: without it that of the file,
     else today without aberration. Where a FITS file does not say the order of its rows and the
     image is mirrored, the result is that of the other order (turned_over). options are those of
@@ -61,6 +64,9 @@ def solve(image: Image, fov_deg: float | None = None,
         **options})[IdentificationOptions]
     assert isinstance(chosen, IdentificationOptions)
     photograph = _photograph(image)
+    if dark is not None:
+        photograph = (read_dark(dark) if isinstance(dark, (str, Path)) else
+                      Dark('dark', _photograph(dark))).subtracted(photograph)
     when = epoch_of(_year(epoch), photograph.taken)
     site = ObserverSite()
     return _solvers(fov_deg, camera, chosen, catalogue).solve(

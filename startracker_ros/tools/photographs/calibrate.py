@@ -30,7 +30,8 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.io.images.camera_files import save_camera
-from startracker_ros.io.images.images import calibrated_camera, ImageError, read_image_with_camera
+from startracker_ros.io.images.images import calibrated_camera, read_image_with_camera
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 
 # Stars in the corners are mostly faint.
@@ -71,12 +72,10 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):
-        try:
+        with OneOfSeveral(partial(reasons.__setitem__, index)):
             image, camera = read_image_with_camera(path, camera, fov_deg,
                                                    distortion_model)
             centroids[index] = extractor.extract(image).centroids
-        except ImageError as error:
-            reasons[index] = str(error)
     if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:

@@ -21,6 +21,7 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.centroid.hits import without_clusters
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
@@ -29,17 +30,19 @@ from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
-from startracker_ros.io.images.camera_files import is_wcs
+from startracker_ros.io.images.camera_files import is_wcs, load_camera
+from startracker_ros.io.images.dark import read_dark
 from startracker_ros.io.images.images import (
-    calibrated_camera, camera_of, ImageError, Photograph, read_photograph)
+    camera_of, given_camera, ImageError, Photograph, read_photograph)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.tools.photographs.outputs import Outputs
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'not_written')
 """Columns that are too wide for the terminal."""
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
@@ -74,19 +77,20 @@ class Shot(NamedTuple):
 def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iterator[Shot]:
     """Yield the photographs of files, of videos the selected frames; names are of output."""
     for path, name in zip(paths, names):
-        try:
+        errors = list[str]()
+        with OneOfSeveral(errors.append):
             if not is_video(path):
                 yield Shot(path, name, read_photograph(path))
                 continue
             number = None
-            for number, time_s, image in islice(
+            for number, time_s, image, taken in islice(
                     frames(path), selection.start, selection.stop, selection.step):
-                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image), frame=number,
-                           time_s=time_s)
+                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image, taken=taken),
+                           frame=number, time_s=time_s)
             if number is None:
-                yield Shot(path, name, error=f'{path}: --frames selects no frame of it')
-        except ImageError as error:
-            yield Shot(path, name, error=str(error))
+                raise ImageError(f'{path}: --frames selects no frame of it')
+        for error in errors:
+            yield Shot(path, name, error=error)
 
 
 def output_names(paths: Sequence[Path]) -> list[str]:
@@ -131,6 +135,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
                 selection: slice = slice(None), outputs: Outputs = Outputs(),
                 catalogue: Path | None = None, near_deg: tuple[float, float] | None = None,
+                dark_file: Path | None = None,
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
@@ -142,25 +147,33 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     EXIF, else today. mirror flips each image from left to right first; the result is that of the
     flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
     selection is that of the frames of videos and of animated or paged files, each of which is a
-    row. CameraError for an impossible camera, CatalogueError for a folder without a catalogue; an
-    unreadable image is a row of its own.
+    row. dark_file is a dark frame or a list of bad pixels (dark.py) of all images. CameraError for
+    an impossible camera, CatalogueError for a folder without a catalogue, ImageError for a
+    dark_file that cannot be read, OutputError for an impossible folder of outputs; an unreadable
+    image is a row of its own, and so is one that fails otherwise.
     """
-    blind = fov_deg is None and camera_file is None
-    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options,
+    outputs.check()
+    dark = None if dark_file is None else read_dark(dark_file)
+    if fov_deg is not None:
+        given_camera(1, 1, fov_deg)
+    solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
+        row = _row(shot, None, float('nan')) | {'status': 'unreadable', 'reason': shot.error}
+        rows.append(row)
         if shot.photograph is None:
-            rows.append(_unreadable(shot, shot.error))
             continue
-        photograph = shot.photograph.mirror() if mirror else shot.photograph
-        when = epoch_of(epoch_year, photograph.taken)
-        observer = observer_site.observer(when)
-        try:
+        photograph = shot.photograph
+        solution: Solution | None = None
+        with OneOfSeveral(partial(row.__setitem__, 'reason')):
+            photograph = photograph if dark is None else dark.subtracted(photograph)
+            photograph = photograph.mirror() if mirror else photograph
+            when = epoch_of(epoch_year, photograph.taken)
+            observer = observer_site.observer(when)
             solution, solve_ms = solvers.solve(
                 shot.path, photograph, when, observer, observer_site.bodies(when), near_deg)
-        except ImageError as error:
-            rows.append(_unreadable(shot, str(error)))
+        if solution is None:
             continue
         whens.append(when)
         observers.append(observer)
@@ -169,10 +182,11 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             turned_over.append(shot.label)
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
-                           f'given, {solution.fov_deg:.3g} fits')
-        rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
-                     'epoch_from': when.source})
-        outputs.write(shot.output, photograph, solution, when.year)
+                           f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
+        row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
+        for write in outputs.writers:
+            with OneOfSeveral(partial(row.__setitem__, 'not_written')):
+                write(shot.output, photograph, solution, when.year)
     whens = whens or [epoch_of(epoch_year)]
     observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
@@ -216,8 +230,9 @@ class Solvers:
         """
         Return the solution of an image and its time in ms; ImageError.
 
-        A mirrored image is turned over where the order of its rows is not known. near_deg is that
-        of solve_files().
+        A mirrored image is turned over where the order of its rows is not known, and clusters of
+        hot pixels are removed where an image has no solution with them. near_deg is that of
+        solve_files().
         """
         near_deg = near_deg or photograph.pointing_deg
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
@@ -226,6 +241,13 @@ class Solvers:
             solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies,
                                             place)
             return replace(solution, turned_over=True), time_ms + more_ms
+        if not solution.solved:
+            # Sharp stars of compressed images look like such clusters: these are no first choice.
+            clean = without_clusters(photograph.image)
+            if clean is not photograph.image:
+                cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,
+                                               observer, bodies, place)
+                return (cleaned.of_tries(2) if cleaned.solved else solution), time_ms + more_ms
         return solution, time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
@@ -233,7 +255,8 @@ class Solvers:
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
-            nominal = None if fov_deg is None else camera_of(path, image, None, fov_deg)
+            height, width = image.shape
+            nominal = None if fov_deg is None else given_camera(width, height, fov_deg)
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
             start_s = time.perf_counter()
@@ -267,15 +290,11 @@ def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
                  console=Console(stderr=True), transient=True)
 
 
-def _unreadable(shot: Shot, reason: str) -> dict[str, object]:
-    return {**_row(shot, None, float('nan')), 'status': 'unreadable', 'reason': reason}
-
-
 def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
     numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
     row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
            'matched': 0, 'solve_ms': solve_ms, 'reason': '', **dict.fromkeys(DETAILS),
-           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s}
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
     if solution is None:
         return row
     row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),

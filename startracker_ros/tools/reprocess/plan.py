@@ -21,6 +21,7 @@ from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messag
 from startracker_ros.io.bags.remote import (
     BagPath, counted, is_url, remote_bags, Traffic, version)
 from startracker_ros.io.recordings.recording import full_name
+from startracker_ros.io.several_files import OneOfSeveral
 
 IMAGE = 'sensor_msgs/msg/Image'
 SOURCES = {'centroids': cdr.POINT_CLOUD, 'image_raw': IMAGE}
@@ -165,7 +166,7 @@ def _planned(bag: BagPath, name: str, source: str, options: SegmentOptions) -> B
 
     def problem(reason: str, tracker: str = '') -> None:
         plan.problems.append(Problem(name, tracker, 0, 1, reason))
-    try:
+    with OneOfSeveral(problem):
         try:
             topics = read_topics(bag)
         except BagError as error:
@@ -185,8 +186,6 @@ def _planned(bag: BagPath, name: str, source: str, options: SegmentOptions) -> B
                     bag, name, namespace, topic, topics, options, identity))
             except (BagError, MessageError, CameraError) as error:
                 problem(str(error), namespace)
-    except (BagError, OSError) as error:
-        problem(str(error))
     return plan
 
 

@@ -27,7 +27,7 @@ def identifier():
 def error_px(identifier, night, lenses=FISHEYES):
     """Return the error of a night's stars in the lens that is found, None for none."""
     lens = accepted_lens(identifier.identify([night.centroids], night.shape, lenses), LENS_ERROR)
-    return lens and night.error_px(SkyMapping(lens.camera, lens.axis_quaternion))
+    return lens and night.error_px(SkyMapping(lens.camera, lens.attitude.quaternion))
 
 
 @pytest.mark.parametrize('projection', [

@@ -1,18 +1,23 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""FITS and camera RAW: all number types, orientation, and files that cannot be used."""
+"""FITS, XISF, SER, TIFF and camera RAW: number types, orientation, files of no use."""
 
 import gzip
 import io
 import struct
 import sys
+import zlib
 
 from astropy.io import fits
+import cv2
+import lz4.block
 import numpy as np
 import pytest
 from startracker_ros.core.camera.levels import sixteen_bit
 from startracker_ros.io.images.images import image_paths, ImageError, read_image, read_photograph
+from startracker_ros.io.images.video import frames, is_video
+import zstandard
 
 SKY = np.random.default_rng(3).normal(900, 5, (40, 60))
 SKY[7, 11] += 20000
@@ -122,6 +127,144 @@ def test_the_header_has_time_and_field_of_view(tmp_path):
     photograph = read_photograph(tmp_path / 'a.fits')
     assert photograph.fov_deg == pytest.approx(np.degrees(2 * np.arctan(12 / 200)))
     assert photograph.taken == (1564358400 * 10 ** 9, False, 'DATE-OBS')
+
+
+@pytest.mark.parametrize('cards, taken', [
+    ({'DATE-OBS': '29/07/98'}, ('1998-07-29T00:00:00', False, 'DATE-OBS')),
+    ({'DATE-OBS': '2016-12-31T23:59:60'}, ('2017-01-01T00:00:00', True, 'DATE-OBS')),
+    ({'DATE-OBS': '2016-12-31T23:59:60.5'}, ('2017-01-01T00:00:00.5', True, 'DATE-OBS')),
+    ({'MJD-OBS': 58693.75}, ('2019-07-29T18:00:00', True, 'MJD-OBS')),
+    ({'DATE-OBS': 'noon', 'MJD-OBS': 58693.75}, ('2019-07-29T18:00:00', True, 'MJD-OBS')),
+    ({'MJD-OBS': 'noon'}, None), ({'DATE-OBS': '31/02/98'}, None)])
+def test_times_of_headers(tmp_path, cards, taken):
+    fits.PrimaryHDU(SKY.astype(np.uint16), fits.Header(cards.items())).writeto(
+        tmp_path / 'a.fits')
+    found = read_photograph(tmp_path / 'a.fits').taken
+    if taken is None:
+        assert found is None
+        return
+    stamp = np.datetime64(taken[0], 'ns').astype(int)
+    assert found == (stamp, *taken[1:])
+
+
+def test_an_image_behind_an_empty_one_is_read(tmp_path):
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros(SKY.shape, np.uint8)),
+                  fits.ImageHDU(SKY.astype(np.uint16))]).writeto(tmp_path / 'a.fits')
+    np.testing.assert_array_equal(read_image(tmp_path / 'a.fits')[::-1], SKY.astype(np.uint16))
+
+
+@pytest.mark.parametrize('scale', [1.0, 65535.0])
+def test_tiff_of_floats_is_read(tmp_path, scale):
+    values = (SKY / SKY.max() / scale).astype(np.float32)
+    cv2.imwrite(str(tmp_path / 'a.tiff'), values)
+    cv2.imwrite(str(tmp_path / 'b.tiff'), np.repeat(values[..., None], 3, axis=2))
+    for name in 'ab':
+        photograph = read_photograph(tmp_path / f'{name}.tiff')
+        image = photograph.image.astype(float)
+        inside = (image > 0) & (image < image.max())
+        assert inside.mean() > 0.8
+        slope = np.polyfit(values[inside], image[inside], 1)[0]
+        assert slope * photograph.step == pytest.approx(1, rel=0.01)
+    cv2.imwrite(str(tmp_path / 'c.tiff'), np.full((20, 30), np.nan, np.float32))
+    with pytest.raises(ImageError, match='c.tiff: no finite pixel'):
+        read_image(tmp_path / 'c.tiff')
+
+
+SER_TICKS = 636_999_300_000_000_000
+"""2019-07-29 14:20 UTC in 100 ns from the year 1."""
+
+
+def ser(images, colour=0, order='<', ticks=True, first=SER_TICKS):
+    """Return a SER file of images (H, W) or (H, W, 3)."""
+    height, width = images[0].shape[:2]
+    bits = 8 * images[0].dtype.itemsize
+    head = b'LUCAM-RECORDER' + struct.pack('<7i', 0, colour, 0, width, height, bits, len(images))
+    times = SER_TICKS + 2_500_000 * np.arange(len(images)) if ticks else np.empty(0)
+    return (head + b' ' * 120 + struct.pack('<2q', 0, first)
+            + b''.join(image.astype(image.dtype.newbyteorder(order)).tobytes()
+                       for image in images) + times.astype('<i8').tobytes())
+
+
+@pytest.mark.parametrize('order', '<>')
+def test_ser_is_a_video_and_its_first_frame_an_image(tmp_path, order):
+    grey_16 = SKY.astype(np.uint16)
+    path = tmp_path / 'a.ser'
+    path.write_bytes(ser([grey_16, grey_16 + 7, grey_16 + 9], order=order))
+    assert is_video(path)
+    found = [*frames(path)]
+    assert [frame.number for frame in found] == [0, 1, 2]
+    assert [frame.time_s for frame in found] == [0.0, 0.25, 0.5]
+    np.testing.assert_array_equal(found[1].image, grey_16 + 7)
+    photograph = read_photograph(path)
+    np.testing.assert_array_equal(photograph.image, grey_16)
+    when = (SER_TICKS - 621_355_968_000_000_000) * 100
+    assert photograph.taken == found[0].taken == (when, True, 'SER')
+    # Without times; 8 bit colours; damaged ones.
+    colours = np.repeat(np.uint8(SKY / 4)[..., None], 3, axis=2)
+    path.write_bytes(ser([colours, colours], 100, ticks=False, first=0))
+    np.testing.assert_array_equal([frame.time_s for frame in frames(path)], 0)
+    np.testing.assert_array_equal(read_image(path), colours[..., 0])
+    assert read_photograph(path).taken is None
+    whole = path.read_bytes()
+    path.write_bytes(whole + b'odd')
+    assert len([*frames(path)]) == 2
+    path.write_bytes(whole[:178 + colours.nbytes + 5])
+    assert len([*frames(path)]) == 1
+    huge = whole[:26] + struct.pack('<2i', 40000, 40000) + whole[34:]
+    for content, words in ((whole[:100], 'not a SER file'), (whole[:300], 'truncated|no frame'),
+                           (huge, '40000 x 40000 px')):
+        path.write_bytes(content)
+        for read in (read_image, lambda file: [*frames(file)]):
+            with pytest.raises(ImageError, match=words):
+                read(path)
+
+
+def xisf(image, compression='', kind='UInt16', more='', at=4096):
+    """Return an XISF file of an image (H, W) or planes (C, H, W)."""
+    channels = 1 if image.ndim == 2 else len(image)
+    data, codec = image.tobytes(), compression.partition('+')[0]
+    size = len(data)
+    if compression.endswith('+sh'):
+        data = np.frombuffer(data, np.uint8).reshape(-1, image.itemsize).T.tobytes()
+    data = {'': lambda block: block, 'zlib': zlib.compress,
+            'lz4': lambda block: lz4.block.compress(block, store_size=False),
+            'zstd': zstandard.ZstdCompressor().compress}[codec](data)
+    how = f' compression="{compression}:{size}:{image.itemsize}"' if compression else ''
+    head = (f'<?xml version="1.0"?><xisf version="1.0" xmlns="http://www.pixinsight.com/xisf">'
+            f'<Image geometry="{image.shape[-1]}:{image.shape[-2]}:{channels}" '
+            f'sampleFormat="{kind}"{how} location="attachment:{at}:{len(data)}">'
+            f'{more}</Image></xisf>').encode()
+    return (b'XISF0100' + struct.pack('<II', len(head), 0) + head).ljust(at, b'\0') + data
+
+
+@pytest.mark.parametrize('compression', ['', 'zlib', 'zlib+sh', 'lz4', 'lz4+sh', 'zstd+sh'])
+def test_xisf_is_read_as_fits_is(tmp_path, compression):
+    path, grey_16 = tmp_path / 'a.xisf', SKY.astype('<u2')
+    path.write_bytes(xisf(grey_16, compression, more=(
+        '<FITSKeyword name="DATE-OBS" value="\'2019-07-29T20:47:26\'" comment=""/>'
+        '<FITSKeyword name="OBJCTRA" value="\'05 30 00\'" comment=""/>'
+        '<FITSKeyword name="OBJCTDEC" value="\'-10 30 00\'" comment=""/>')))
+    photograph = read_photograph(path)
+    np.testing.assert_array_equal(photograph.image, grey_16)
+    assert photograph.taken == (1564433246 * 10 ** 9, True, 'DATE-OBS')
+    assert photograph.pointing_deg == (82.5, -10.5)
+    planes = np.stack([SKY, SKY, SKY]).astype('<f4') / 65535
+    path.write_bytes(xisf(planes, compression, 'Float32'))
+    image = read_image(path).astype(float)
+    assert np.corrcoef(image.ravel(), SKY.ravel())[0, 1] > 0.9
+
+
+@pytest.mark.parametrize('change, words', [
+    (lambda content: content[:5000], 'a.xisf'), (lambda content: content[:100], 'a.xisf'),
+    (lambda content: content.replace(b'attachment', b'inline'), 'must be an attachment'),
+    (lambda content: content.replace(b'UInt16', b'Cplx16'), 'pixels of type Cplx16'),
+    (lambda content: content.replace(b'geometry="', b'geometry="9'), 'a.xisf'),
+    (lambda content: content.replace(b'<?xml version="1.0"?>', b'<!DOCTYPE a [<!ENTITY b "c">]>'
+                                     ), 'no XISF header')])
+def test_xisf_that_is_no_image_is_named(tmp_path, change, words):
+    (tmp_path / 'a.xisf').write_bytes(change(xisf(SKY.astype('<u2'), 'zlib')))
+    with pytest.raises(ImageError, match=words):
+        read_image(tmp_path / 'a.xisf')
 
 
 def test_noise_keeps_its_shape_in_sixteen_bits():

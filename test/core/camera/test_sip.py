@@ -15,7 +15,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.camera.sip import fit_sip
 from startracker_ros.core.maths.rotation import quaternion_from_pointing, unit_from_radec
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.tools.photographs.outputs import image_wcs
+from startracker_ros.tools.photographs.outputs import image_wcs, WcsError
 
 YEAR = 2026.4
 ORBIT = vantage_near_earth(YEAR, np.array([0.0, 6499.0, 3752.0]))
@@ -74,6 +74,42 @@ def test_astropy_has_the_pixels_of_the_camera(lens, pointing_deg, vantage):
                             - wcs.wcs.crpix[:, None], 1)
     again = np.stack(focal, -1) - 1
     assert np.abs(again - np.stack([u, v], -1)).max() < 0.05
+
+
+@pytest.mark.parametrize('vantage, kind', [(None, 'ZPN'), (ORBIT, 'ZPN-SIP'),
+                                           (ground(), 'ZPN-SIP')])
+@pytest.mark.parametrize('turned', [False, True])
+def test_a_fisheye_is_in_a_projection_that_has_its_horizon(vantage, kind, turned):
+    """No tangent plane has it; the corners of this image are outside of its circle."""
+    lens = Camera(1024, 768, 300.0, 305.0, 516.0, 378.0, (-0.05, -0.01, 0.0, 0.0), 'equidistant')
+    zenith = (unit_from_radec(0.8, 0.7) if vantage is None or vantage.air is None else
+              vantage.air.zenith)
+    ra, dec = np.arctan2(zenith[1], zenith[0]), np.arcsin(zenith[2]) - 0.3
+    q = quaternion_from_pointing(ra, dec, 0.2)
+    sky = SkyMapping(lens, q, vantage)
+    pixels = np.stack(np.meshgrid(
+        np.linspace(0, 1023, 31), np.linspace(0, 767, 23)), -1).reshape(-1, 2)
+    with np.errstate(invalid='ignore'):
+        direction = sky.directions(pixels)
+    # Above the horizon, where there are stars.
+    seen = direction @ zenith > 0.05
+    assert np.isnan(direction).any() and seen.mean() > 0.3
+    wcs = astropy_wcs(image_wcs(sky, turned, turned, pixels[seen]))
+    assert wcs.wcs.ctype[0] == f'RA---{kind}'
+    there = np.where(turned, [1023, 767] - pixels[seen], pixels[seen])
+    theirs = unit_from_radec(*np.radians(wcs.all_pix2world(there, 0)).T)
+    assert np.abs(sky.pixels(theirs) - pixels[seen]).max() < 0.5
+
+
+def test_a_header_that_has_the_stars_elsewhere_is_not_written():
+    lens = Camera(1000, 1000, 460.0, 460.0, 499.5, 499.5, (0, 0, 0, 0, 0, 0.1, 0, 0),
+                  'rational_polynomial')
+    sky = SkyMapping(lens, quaternion_from_pointing(1.0, 0.5, 0.3))
+    # In the middle it is right.
+    assert image_wcs(sky, stars_px=np.array([[500.0, 480.0], [300.0, 400.0]]))
+    with pytest.raises(WcsError, match='stars .* px off'):
+        image_wcs(sky, stars_px=np.stack(np.meshgrid(
+            np.linspace(0, 999, 15), np.linspace(0, 999, 15)), -1).reshape(-1, 2))
 
 
 def test_pixels_count_from_one():

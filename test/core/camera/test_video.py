@@ -79,6 +79,13 @@ def test_pages_of_a_png_of_16_bit_are_exact(tmp_path):
     assert found[0].dtype == np.uint16
 
 
+def test_pages_of_floats_are_scaled_to_16_bits(tmp_path):
+    write_pages(tmp_path / 'a.tif', [image.astype(np.float32) / 255 for image in noise(2)])
+    for frame, image in zip(frames(tmp_path / 'a.tif'), noise(2)):
+        assert frame.image.dtype == np.uint16
+        assert np.corrcoef(frame.image.ravel(), image.ravel())[0, 1] > 0.99
+
+
 def test_one_image_is_no_video_and_neither_is_a_thumbnail_a_frame(tmp_path):
     cv2.imwrite(str(tmp_path / 'one.png'), noise(1)[0])
     write_pages(tmp_path / 'thumbnail.tif', [noise(1)[0], noise(1, shape=(6, 8))[0]])
@@ -92,9 +99,6 @@ def test_what_is_no_video_is_named(tmp_path, monkeypatch):
     for name, reason in (('junk.mkv', 'not a video'), ('missing.mkv', 'no such file')):
         with pytest.raises(ImageError, match=f'{name}: {reason}'):
             next(frames(tmp_path / name))
-    write_pages(tmp_path / 'float.tif', [image.astype(np.float32) for image in noise(2)])
-    with pytest.raises(ImageError, match='8 or 16 bit'):
-        next(frames(tmp_path / 'float.tif'))
     write_video(tmp_path / 'large.mkv', noise(1))
     monkeypatch.setattr('startracker_ros.io.images.video.MOST_PIXELS', 1000)
     with pytest.raises(ImageError, match='64 x 48 px'):

@@ -72,6 +72,20 @@ def test_an_exported_camera_comes_back(bottom_up, tmp_path):
     assert load_camera(path) == camera
 
 
+def test_an_exported_fisheye_comes_back(tmp_path):
+    path = tmp_path / 'a.wcs'
+    lens = Camera(1024, 768, 300.0, 305.0, 516.0, 378.0, (-0.05, -0.01, 0.0, 0.0), 'equidistant')
+    path.write_bytes(image_wcs(SkyMapping(lens, Q), bottom_up=True))
+    camera = load_camera(path)
+    np.testing.assert_allclose(
+        [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion],
+        [lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion], rtol=1e-6, atol=1e-6)
+    path.write_bytes(path.read_bytes().replace(b'PV2_1   =                  1.0',
+                                               b'PV2_1   =                  2.0'))
+    with pytest.raises(CameraError, match='PV2_m'):
+        load_camera(path)
+
+
 @pytest.mark.parametrize('cards', [
     header(), header(**radial(-3e-8)), header(A_2_0=1e-6, B_1_1=1e-6),
     header(CD1_1=0.0171, CD1_2=0.0102, CD2_1=-0.0102)],

@@ -341,6 +341,11 @@ def test_an_image_without_stars_has_a_status_and_a_reason(make, status):
     result = EXTRACT(make())
     assert result.status == status and result.reason
     assert len(result.centroids) == 0
+    if status == 'no_stars':
+        # What is there, and what to do.
+        assert (f'none of {sum(result.rejected.values())} detections is a star (' in result.reason
+                if result.rejected else 'no star image above 5.5 sigma' in result.reason)
+        assert ': expose ' in result.reason or ': subtract a dark frame' in result.reason
 
 
 @pytest.mark.parametrize('image, words', [

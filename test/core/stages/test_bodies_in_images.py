@@ -11,6 +11,7 @@ from PIL import Image
 import pytest
 from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth, BodiesInSky
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.names import STAR_NAMES
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import (
@@ -123,6 +124,23 @@ def test_named_stars_that_are_not_identified_are_in_the_picture():
     column = sky.pixels(load_catalog().directions(YEAR)[load_catalog().hip == 26311])[0]
     u, v = column.round().astype(int)
     assert picture[v - 8:v + 1, u + 12:u + 50].any()
+
+
+def test_stars_have_the_names_of_the_astronomical_union():
+    """Each of a star of the catalogue has the brightness that people know it by."""
+    catalog = load_catalog()
+    magnitude = dict(zip(catalog.hip.tolist(), catalog.magnitude.tolist()))
+    names = {name: hip for hip, name in STAR_NAMES.items()}
+    assert len(names) == len(STAR_NAMES) > 440
+    assert all(name.isascii() and name.strip() == name for name in names)
+    for name, hip, V in (('Sulafat', 93194, 3.3), ('Cursa', 23875, 2.8), ('Hatysa', 26241, 2.8),
+                         ('Tabit', 22449, 3.2), ('Sirius', 32349, -1.4), ('Mirfak', 15863, 1.8),
+                         ('Garnet Star', 107259, 4.2), ('Albireo', 95947, 3.0),
+                         ('Polaris Australis', 104382, 5.5), ('Alcor', 65477, 4.0)):
+        assert names[name] == hip and magnitude[hip] == pytest.approx(V, abs=0.3), name
+    # Of all stars to V 2.5 hardly any has none.
+    bright = [hip for hip, V in magnitude.items() if V < 2.5]
+    assert np.mean([hip in STAR_NAMES for hip in bright]) > 0.8
 
 
 def test_the_belt_of_orion_is_a_line_that_spares_its_stars():

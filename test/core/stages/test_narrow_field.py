@@ -3,6 +3,8 @@
 
 """A camera of 3 deg: all stages have the same deep stars, whose numbers pass through messages."""
 
+import re
+
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import load_deep_catalog, NUMBER_OFFSET, star_name
@@ -43,4 +45,15 @@ def test_a_narrow_camera_identifies_tracks_and_publishes():
     rows = np.zeros(len(found.hip), STAR_DTYPE)
     rows['hip'] = found.hip
     np.testing.assert_array_equal(rows['hip'].astype(np.int32), found.hip)
-    assert star_name(11767) == 'HIP 11767' and star_name(NUMBER_OFFSET + 5) == 'deep 5'
+    assert star_name(11767) == 'HIP 11767'
+    # A star without a number has the name that surveys give it by its position.
+    catalog = load_deep_catalog()
+    star = int(np.flatnonzero(catalog.hip > NUMBER_OFFSET)[0])
+    match = re.fullmatch(r'J(\d\d)(\d\d)([\d.]{4})([+-])(\d\d)(\d\d)(\d\d)',
+                         star_name(int(catalog.hip[star])))
+    hours, minutes, seconds, sign, degrees, arcmin, arcsec = match.groups()
+    x, y, z = catalog.rows(slice(star, star + 1)).directions(2000.0)[0]
+    ra_deg = 15 * (int(hours) + int(minutes) / 60 + float(seconds) / 3600)
+    dec_deg = int(degrees) + int(arcmin) / 60 + int(arcsec) / 3600
+    assert 0 <= np.degrees(np.arctan2(y, x)) % 360 - ra_deg < 15 / 36000
+    assert 0 <= abs(np.degrees(np.arcsin(z))) - dec_deg < 1 / 3600 and (sign == '-') == (z < 0)

@@ -9,15 +9,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from skies import frame
+import startracker_ros as st
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
+from startracker_ros.evaluation.campaign.fisheyes import draw_night
 from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
-from startracker_ros.io.images.images import ImageError, read_image, read_photograph
+from startracker_ros.io.images.images import (
+    given_camera, ImageError, read_image, read_photograph)
+from startracker_ros.io.output import OutputError
+from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.solve import output_names, solve_files, Solvers
@@ -120,6 +127,18 @@ def test_a_thumbnail_is_no_work(monkeypatch):
     assert 'deg wide' in solution.identification.reason
 
 
+def test_a_field_given_with_too_coarse_pixels_is_dropped():
+    """At 63 deg the pixels would be 0.31 deg wide; those of its true field are 0.29."""
+    camera = Camera.from_fov(225, 225, 60.0)
+    sky = st.SkySimulator(camera, 2026.5, motion='inertial', ra_deg=84.0, dec_deg=5.0,
+                          faint_limit=5.0)
+    image = sky.frame(0.0).image
+    assert st.solve(image).solved
+    solution = st.solve(image, 63.0)
+    assert solution.solved and solution.fov_deg == pytest.approx(60, abs=1)
+    assert solution.dropped is not None
+
+
 @pytest.mark.parametrize('count', [4, pytest.param(12, marks=pytest.mark.long)])
 def test_lenses_of_all_shapes_are_learnt(count):
     outcome = solve_lens_fields(count, 11)
@@ -206,6 +225,39 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(tmp_path):
     assert all(row['status'] == 'blank' and 'all pixels' in row['reason'] for row in rows)
 
 
+def test_a_file_that_fails_does_not_lose_the_results_of_others(sky_data, tmp_path):
+    paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[:3]
+    (tmp_path / 'bad.png').write_bytes(b'no image')
+    # Where its header has to be there is something else already.
+    (tmp_path / f'{paths[1].stem}.wcs').mkdir()
+    result = solve_files([paths[0], tmp_path / 'bad.png', *paths[1:]], fov_deg=11.4,
+                         epoch_year=2019.57, outputs=Outputs(wcs_folder=tmp_path))
+    first, bad, second, third = result.rows
+    assert all(row['solved'] for row in (first, second, third))
+    assert bad['status'] == 'unreadable' and 'OpenCV' in bad['reason']
+    assert [row['not_written'] for row in (first, bad, third)] == [''] * 3
+    assert f'{paths[1].stem}.wcs' in second['not_written']
+    assert (tmp_path / f'{paths[2].stem}.wcs').is_file()
+    (tmp_path / 'file').touch()
+    with pytest.raises(OutputError, match='file'):
+        solve_files(paths, outputs=Outputs(tmp_path / 'file'))
+
+
+def test_what_OneOfSeveral_files_meets_is_reported():
+    reasons = []
+    for error in (ValueError('no such thing'), IndexError('7')):
+        with OneOfSeveral(reasons.append):
+            raise error
+    assert reasons[0] == 'no such thing'
+    assert 'please report it: IndexError in test_photographs.py, line' in reasons[1]
+    with pytest.raises(KeyboardInterrupt), OneOfSeveral(reasons.append):
+        raise KeyboardInterrupt
+    with pytest.raises(SystemError), OneOfSeveral(reasons.append):
+        # As compiled code does.
+        raise SystemError('returned with an error set') from KeyboardInterrupt()
+    assert len(reasons) == 2
+
+
 def test_names_of_files_are_unique():
     paths = [Path(name) for name in ('b/a.png', 'c/a.png', 'c/a-2.png', 'c/a.jpg')]
     assert output_names(paths) == ['a', 'a-2', 'a-2-2', 'a-3']
@@ -250,6 +302,35 @@ def test_a_header_with_a_field_too_small_for_the_catalogue_is_no_error(sky_data)
     assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
 
 
+def test_a_field_that_is_given_is_never_worse_than_none(any_field, sky_data):
+    """Twelve false stars are brighter than all others: a short search does not reach these."""
+    stars = CentroidExtractor().extract(read_image(
+        sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2])).centroids
+    rng = np.random.default_rng(3)
+    uv = np.concatenate([rng.uniform([20, 20], [1000, 740], (12, 2)), stars.uv])
+    seen = frame(uv, np.concatenate([np.linspace(9, 8, 12) * stars.flux.max(), stars.flux]))
+    assert any_field.solve_lists([seen], (768, 1024)).solved
+    for given_deg in (4.0, 30.0, 80.0):
+        solution = any_field.solve_lists([seen], (768, 1024),
+                                         Camera.from_fov(1024, 768, given_deg))
+        assert solution.solved and solution.fov_deg == pytest.approx(11.42, abs=0.02), given_deg
+
+
+def test_a_fisheye_with_a_given_field_is_a_fisheye(any_field):
+    night = draw_night(np.random.default_rng(6), 'equisolid')
+    height, width = night.shape
+    for given_deg in (12.0, 100.0):
+        solution = any_field.solve_lists([night.centroids], night.shape,
+                                         Camera.from_fov(width, height, given_deg))
+        assert solution.camera.model.equidistant
+        assert night.error_px(solution.sky) < 2
+    # No rectilinear lens has such a field, and no one has the others.
+    assert given_camera(width, height, 174.0) is None
+    for wrong_deg in (0.0, 0.1, 400.0):
+        with pytest.raises(CameraError, match=f'field of view {wrong_deg:g}'):
+            given_camera(width, height, wrong_deg)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('draw', [city, random_spots])
 def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
@@ -258,10 +339,10 @@ def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
     assert solution.quaternion is None
     reason = solution.identification.reason
     assert '0.6 to 120 deg' in reason and 'fisheyes' in reason
-    # A telephoto lens is no fisheye, however wrong the given field is.
+    # And none that is given.
     height, width = image.shape
     given = any_field.solve(image, Camera.from_fov(width, height, 12.0))
-    assert given.quaternion is None and 'fisheyes' not in given.identification.reason
+    assert given.quaternion is None and 'about 12 deg, 0.6 to 120 deg' in given.reason
 
 
 def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_data):

@@ -366,7 +366,9 @@ def test_images_are_solved_by_command_and_library(catalogue, tmp_path):
     ra_deg = float(np.degrees(np.arctan2(axis[1], axis[0]))) % 360
     header = fits.Header({'OBJCTRA': '00 04 00', 'OBJCTDEC': '+39 30 00', 'ROWORDER': 'TOP-DOWN'})
     fits.PrimaryHDU(image, header).writeto(tmp_path / 'field.fits')
-    for arguments in (('--near', f'{ra_deg + 1:.3f}', '41'), ('--fov-deg', '0.41'), ()):
+    # A field that is given wrong is as none.
+    for arguments in (('--near', f'{ra_deg + 1:.3f}', '41'), ('--fov-deg', '0.41'), (),
+                      ('--fov-deg', '0.6')):
         result = invoke('solve', str(tmp_path / 'field.fits'), '--catalogue',
                         str(catalogue.folder), '--epoch', str(YEAR), '--json', *arguments)
         row = json.loads(result.stdout)['rows'][0]

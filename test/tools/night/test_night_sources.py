@@ -60,6 +60,19 @@ def test_a_file_without_a_time_is_named(dated):
         stamps(dated)
 
 
+def test_a_file_that_cannot_be_read_is_left_out(dated):
+    whole, left_out = stamps(dated), []
+    even = stamps(dated, None, 2.5)
+    (dated / '0.fits').write_bytes(b'nothing')
+    found = [each.stamp_ns for each in timed_images(dated, None, None, None, left_out=left_out)]
+    assert found == whole[1:] and len(left_out) == 1 and '0.fits' in left_out[0]
+    assert np.diff(stamps(dated, None, 2.5)).tolist() == np.diff(even[1:]).tolist()
+    for name in '12':
+        (dated / f'{name}.fits').write_bytes(b'nothing')
+    with pytest.raises(NightError, match='0.fits'):
+        stamps(dated)
+
+
 def test_frames_of_a_video_follow_from_the_start(tmp_path):
     path = tmp_path / 'night.tiff'
     pages = [Image.fromarray(PIXELS + number) for number in range(3)]
