@@ -132,8 +132,8 @@ def test_wrong_options_are_named(options, text):
 
 
 EPOCHS = {
-    1.78e9: 'as a UNIX time in s it is 2026.41', 1.78e18: 'as a UNIX time in ns it is 2026.41',
-    2461200.5: 'as a Julian date it is 2026.41',
+    1.78e9: 'as a UNIX time in s it is 2026.4', 1.78e18: 'as a UNIX time in ns it is 2026.4',
+    2461200.5: 'as a Julian date it is 2026.44',
     61200.0: 'as a modified Julian date it is 2026.44',
     20190729: "as a date it is the text '2019-07-29'", 3e5: 'as 2026.5 is$', -5.0: 'as 2026.5 is$',
     float('nan'): 'no Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
@@ -152,9 +152,10 @@ def test_an_epoch_in_another_unit_is_named(use, epoch):
 
 
 def test_an_epoch_is_a_year_or_a_time_everywhere():
-    texts = '2026-07-02T12:00', '2026-07-02T14:00+02:00', datetime(2026, 7, 2, 12), '2026.5'
-    years = {julian_year(epoch) for epoch in texts}
-    assert max(years) - min(years) < 2e-5 and min(years) == pytest.approx(2026.5, abs=1e-3)
+    year, = {julian_year(epoch) for epoch in (
+        '2026-07-02T12:00', '2026-07-02T14:00+02:00', datetime(2026, 7, 2, 12))}
+    assert year == pytest.approx(2026.5, abs=1e-3)
+    assert {julian_year(epoch) for epoch in (2026, '2026', np.float32(2026))} == {2026.0}
 
 
 @pytest.mark.parametrize('stamp', [1.782e18, 1782864000.1, np.float64(5), '5', True, None])
@@ -211,11 +212,12 @@ def test_arrays_are_taken_as_files_of_them_are(sky_data, tmp_path):
     expected = st.solve(path, 11.4, '2019-07-29')
     assert expected.solved
     colours = np.dstack([grey, grey, grey])
-    for image in (colours, np.dstack([colours, np.full_like(grey, 255)]), grey[..., None],
-                  grey.astype(np.uint16), grey.astype(np.int32), grey[:, ::1].astype('>u2')):
+    for image in (colours, np.dstack([colours, np.full_like(grey, 255)]), grey[..., None]):
         found = st.solve(image, 11.4, '2019-07-29')
         np.testing.assert_array_equal(found.quaternion, expected.quaternion)
-    for image in (grey / 255, colours.astype(np.float32), 1000.0 - 500 + grey.astype('>f8')):
+    # Of another depth other pixels are saturated.
+    for image in (grey / 255, colours.astype(np.float32), 500 + grey.astype('>f8'),
+                  grey.astype(np.int32), grey.astype('>u2'), colours.astype(np.uint16)):
         found = st.solve(image, 11.4, 2019.573)
         assert found.matched == expected.matched
         assert found.ra_deg == pytest.approx(expected.ra_deg, abs=0.003)

@@ -32,18 +32,27 @@ class Outputs:
     annotate_folder: Path | None = None
     wcs_folder: Path | None = None
 
-    def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
-        """Write the files of one image of a Julian year under a name without a suffix."""
+    def write(self, name: str, photograph: Photograph, solution: Solution, year: float
+              ) -> list[Path]:
+        """
+        Write the files of one image of a Julian year under a name without a suffix.
+
+        Return their paths.
+        """
+        written = []
         if self.annotate_folder is not None:
             picture = captioned(
                 annotated(photograph.image, solution.centroids.uv, solution.identification.hip,
                           solution.sky, year, solution.bodies), caption(name, solution, year))
             # In memory: OpenCV reports a full disk on stderr alone.
             content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
-            write_output(output_folder(self.annotate_folder) / f'{name}.png', content)
+            written.append(output_folder(self.annotate_folder) / f'{name}.png')
+            write_output(written[-1], content)
         if self.wcs_folder is not None and solution.sky is not None:
-            write_output(output_folder(self.wcs_folder) / f'{name}.wcs',
-                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
+            written.append(output_folder(self.wcs_folder) / f'{name}.wcs')
+            write_output(written[-1], image_wcs(solution.sky, photograph.mirrored,
+                                                photograph.bottom_up))
+        return written
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,

@@ -166,7 +166,7 @@ def test_the_cache_is_bounded_whatever_is_in_it(own_cache, monkeypatch):
         os.utime(folder / name, (1e9 - age, 1e9 - age))
     size = made('new').mapped_bytes
     assert len([*folder.rglob('*.*')]) == len(names)
-    limit(monkeypatch, size + 100_000)
+    limit(monkeypatch, size + 50_000)
     made('newer')
     left = {path.name for path in folder.rglob('*') if path.is_file()}
     # A tenth is that of code.
@@ -180,7 +180,7 @@ def test_databases_leave_room_for_code(own_cache, monkeypatch):
     for age, name in enumerate(['new.code', 'old.code']):
         (folder / name).write_bytes(bytes(1000))
         os.utime(folder / name, (1e9 - age, 1e9 - age))
-    limit(monkeypatch, 13_500)
+    limit(monkeypatch, 9000)
     for key in 'abcd':
         made(key)
     assert [path.name for path in folder.iterdir()] == ['new.code']
