@@ -19,7 +19,7 @@ from commands import invoke
 import cv2
 from limits import HANGS_S
 import pytest
-from startracker_ros.__main__ import main
+from startracker_ros.command_line import main
 from startracker_ros.commands_page import PAGE, page_text
 from startracker_ros.io.workers import cluster
 
@@ -198,7 +198,7 @@ def test_a_missing_file_among_others_is_a_row_of_its_own():
 def test_help_and_wrong_arguments_load_nothing(folder):
     lines = [[*names, '--help'] for names in ALL] + WRONG + [
         [word.replace('FILE', 'no/such') for word in line] for line in READERS]
-    code = ('import contextlib, json, sys\nfrom startracker_ros.__main__ import main\n'
+    code = ('import contextlib, json, sys\nfrom startracker_ros.command_line import main\n'
             'for line in json.loads(sys.argv[1]):\n'
             '    with contextlib.suppress(SystemExit):\n'
             '        main(line)\n'

@@ -13,6 +13,8 @@ import time
 from typing import BinaryIO
 from uuid import uuid4
 
+from startracker_ros.core.ctrl_c import deleted_by_ctrl_c
+
 CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
 """Environment variable with the size of the cache folder."""
 
@@ -96,9 +98,10 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
     try:
-        with part.open('w+b') as file:
-            yield file
-        os.replace(part, path)
+        with deleted_by_ctrl_c(part):
+            with part.open('w+b') as file:
+                yield file
+            os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
 

@@ -157,9 +157,10 @@ class NodeProcesses:
 
     def run(self, name: str, command: Sequence[str]) -> subprocess.Popen:
         """Run a command under a name."""
+        # In a group of its own: a terminal would send Ctrl-C to it, and this process ends it.
         with open(self.log_folder / f'{name}.log', 'ab') as log:
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                       env=self.environment)
+                                       env=self.environment, process_group=0)
         self.processes[name] = process
         return process
 
