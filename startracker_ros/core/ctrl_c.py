@@ -55,15 +55,17 @@ def _wait(read: int) -> None:
 
 def _stop() -> None:
     """End this process and those that it has started, and delete what it has half written."""
+    started = _descendants(os.getpid())
     for path in list(_unfinished):
         with suppress(OSError):
             path.unlink()
-    for pid in _descendants(os.getpid()):
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
     # Not by sys.stderr, which another thread may have locked.
     with suppress(OSError):
         os.write(2, (_SHOW_CURSOR if os.isatty(2) else b'') + b'startracker: stopped\n')
+    # From here on no other thread runs, which would report that its processes are gone.
+    for pid in started:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
     os._exit(INTERRUPTED)
 
 
