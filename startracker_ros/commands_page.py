@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import inspect
 
 import click
-from startracker_ros.__main__ import main
+from startracker_ros.command_line import main
 from startracker_ros.io.output import write_output
 
 PAGE = 'docs/commands.md'
@@ -25,10 +25,10 @@ command prints the same.
 
 | exit status | meaning |
 |---|---|
-| 0 | done; `record`, `live` and `run` end with it by Ctrl-C, too |
+| 0 | done; `record`, `play` and `run` end with it by Ctrl-C, too, and `live` once it has a lens |
 | 1 | the work failed: no attitude, a row that does not hold, a file; one line on stderr |
 | 2 | wrong use: usage and one line on stderr |
-| 130 | ended by Ctrl-C |
+| 130 | ended by Ctrl-C, at once; demos and campaigns of nodes end these first, a bag is closed |
 | 141 | nobody reads the output any more, as behind `head` |
 
 - **`--json`** prints one document `{"name", "conditions", "rows"}`. That of an error has no rows,

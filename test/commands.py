@@ -6,7 +6,7 @@
 from typing import Any
 
 from click.testing import CliRunner, Result
-from startracker_ros.__main__ import main
+from startracker_ros.command_line import main
 
 try:
     # What click before 8.2 calls it; later versions always keep the streams apart.

@@ -6,32 +6,34 @@
 import os
 from pathlib import Path
 import re
+import shlex
 import subprocess
 import sys
 
 from limits import HANGS_S
 import matplotlib
 import pytest
-from startracker_ros.core.extras import MissingLibraryError, new_figure
+from startracker_ros.core.extras import EXTRAS, install_hint, MissingLibraryError, new_figure
 import yaml
 
 LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
 
 
-@pytest.mark.parametrize('arguments, words', [
-    (['bench', 'bag', '--only', 'damage', '--inputs', '50'], ''),
-    (['export', 'bags/slew', '-o', '{out}'], ''),
+@pytest.mark.parametrize('arguments, words, name', [
+    (['bench', 'bag', '--only', 'damage', '--inputs', '50'], '', ''),
+    (['export', 'bags/slew', '-o', '{out}'], '', ''),
     (['report', 'bags/slew', '-o', '{out}/report.html'],
-     "The page needs Jinja2: pip install 'startracker_ros[report]'"),
+     'The page needs Jinja2', 'report'),
     (['demo', 'closed-loop', '--output', '{out}'],
-     "The closed loop needs Basilisk: pip install 'startracker_ros[gnc]'"),
+     'The closed loop needs Basilisk', 'gnc'),
     (['campaign', 'jpdaf', '--trials', '100', '--output', '{out}'],
-     "A picture needs matplotlib: pip install 'startracker_ros[report]'"),
+     'A picture needs matplotlib', 'report'),
     (['campaign', 'quad', '--scheduler', 'tcp://localhost:1', '--trials', '1'],
-     "A scheduler needs dask: pip install 'startracker_ros[scale]'"),
+     'A scheduler needs dask', 'scale'),
     (['export', 'bags/slew', '-o', '{out}', '--format', 'parquet'],
-     "Parquet needs pyarrow: pip install 'startracker_ros[parquet]'")])
-def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path: Path) -> None:
+     'Parquet needs pyarrow', 'parquet')])
+def test_a_command_without_the_extras(arguments: list[str], words: str, name: str,
+                                      tmp_path: Path) -> None:
     for library in LIBRARIES:
         (tmp_path / f'{library}.py').write_text(f'raise ImportError("{library} is hidden")')
     root = Path(__file__).parents[1]
@@ -41,7 +43,20 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         cwd=root, env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
-    assert done.stderr.strip() == (f'startracker: {words}' if words else '')
+    assert done.stderr.strip() == (f'startracker: {words}: {install_hint(name)}' if words else '')
+
+
+def test_a_hint_is_a_command_that_works() -> None:
+    """The package is on no index: libraries by name, with versions that a shell leaves alone."""
+    for name, libraries in EXTRAS.items():
+        by_name, _, clone = install_hint(name).partition(', or ')
+        assert shlex.split(by_name) == ['pip', 'install', *libraries]
+        assert clone == f"pip install '.[{name}]' in a clone of startracker_ros"
+    root = Path(__file__).parents[1]
+    texts = [root / 'README.md', *(root / 'docs').glob('*.md'),
+             *(root / 'startracker_ros').rglob('*.py')]
+    assert [path for path in texts if re.search(r'install \S?startracker_ros', path.read_text())
+            ] == []
 
 
 def test_an_old_matplotlib_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +93,7 @@ def test_without_ros(arguments: list[str], needs_ros: bool, without_ros: dict[st
     done = subprocess.run([base, '-m', 'startracker_ros', *words], cwd=tmp_path, env=without_ros,
                           capture_output=True, text=True, timeout=HANGS_S)
     words = (r'startracker: this needs ROS 2, and \w+ is not installed: source the setup file of '
-             r"ROS 2, or pip install 'startracker_ros\[ros\]'")
+             rf'ROS 2, or {re.escape(install_hint("ros"))}')
     assert re.fullmatch(words if needs_ros else '', done.stderr.strip())
     assert done.returncode == (1 if needs_ros else 0)
     if arguments[0] == 'export':

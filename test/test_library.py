@@ -3,6 +3,7 @@
 
 """The public library: what it loads, that it equals command and pipeline, what it rejects."""
 
+from datetime import datetime
 import json
 from pathlib import Path
 import subprocess
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from skies import SMALL_CAMERA as CAMERA
 import startracker_ros as st
-from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.astro.epoch import julian_year, stamp_from_epoch_year
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.figures.correctness import error_over_bound
@@ -136,8 +137,118 @@ def test_wrong_options_are_named(options, text):
     assert text in str(raised.value)
 
 
+EPOCHS = {
+    1.78e9: 'as a UNIX time in s it is 2026.4', 1.78e18: 'as a UNIX time in ns it is 2026.4',
+    2461200.5: 'as a Julian date it is 2026.44',
+    61200.0: 'as a modified Julian date it is 2026.44',
+    20190729: "as a date it is the text '2019-07-29'", 3e5: 'as 2026.5 is$', -5.0: 'as 2026.5 is$',
+    float('nan'): 'no Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
+
+
+@pytest.mark.parametrize('epoch', EPOCHS)
+@pytest.mark.parametrize('use', [
+    lambda epoch: st.StarTracker(CAMERA, epoch), lambda epoch: st.SkySimulator(CAMERA, epoch),
+    lambda epoch: st.identify(st.Centroids.empty(), CAMERA, epoch_year=epoch),
+    lambda epoch: st.solve(np.zeros((64, 64), np.uint8), epoch=epoch)])
+def test_an_epoch_in_another_unit_is_named(use, epoch):
+    if epoch is None and 'solve' in use.__code__.co_names:
+        return
+    with pytest.raises(ValueError, match=EPOCHS[epoch]):
+        use(epoch)
+
+
+def test_an_epoch_is_a_year_or_a_time_everywhere():
+    year, = {julian_year(epoch) for epoch in (
+        '2026-07-02T12:00', '2026-07-02T14:00+02:00', datetime(2026, 7, 2, 12))}
+    assert year == pytest.approx(2026.5, abs=1e-3)
+    assert {julian_year(epoch) for epoch in (2026, '2026', np.float32(2026))} == {2026.0}
+
+
+@pytest.mark.parametrize('stamp', [1.782e18, 1782864000.1, np.float64(5), '5', True, None])
+def test_stamps_are_integers(frames, stamp):
+    tracker = st.StarTracker(CAMERA, 2026.5, aberration='none')
+    for use in (lambda: tracker.process(stamp, frames[0].image),
+                lambda: tracker.process_centroids(stamp, st.Centroids.empty()),
+                lambda: tracker.add_rate(stamp, np.zeros(3)),
+                lambda: tracker.add_observer(stamp, [7e6, 0, 0], [0, 7.5e3, 0])):
+        with pytest.raises(ValueError, match='must be UNIX time in ns as an int'):
+            use()
+    # NumPy's are.
+    assert tracker.process(np.int64(START_NS), frames[0].image).stamp_ns == START_NS
+
+
+def test_stamps_in_seconds_are_named(frames):
+    tracker = st.StarTracker(CAMERA, 2026.5, aberration='none')
+    with pytest.raises(ValueError, match='1970-01-01T00:00:01.*in s it is of the epoch'):
+        tracker.process(START_NS // 10 ** 9, frames[0].image)
+    # Of simulated time, from 0.
+    for stamp_ns in (0, 1_700_000_000, 1_790_000_000):
+        tracker.process(stamp_ns, frames[0].image)
+
+
+def test_a_camera_has_whole_pixels():
+    for width in (512.0, np.float32(512), np.int16(512)):
+        camera = st.Camera.from_fov(width, width, 12.0)
+        assert camera == CAMERA and type(camera.width) is int
+    for width in (512.5, float('nan'), float('inf'), '512'):
+        for make in (lambda: st.Camera.from_fov(width, 512, 12.0),  # noqa: B023
+                     lambda: st.Camera(512, width, 2e3, 2e3, 256.0, 256.0)):  # noqa: B023
+            with pytest.raises(ValueError, match='must be a whole number of px'):
+                make()
+
+
+@pytest.mark.parametrize('base, stars, text', [
+    ([0, 1, 2], [[5, 6, 10 ** 6]], 'Candidates.stars has rows from 5 to 1000000, there are'),
+    ([0, 1, 2], [[5, 6, -1]], 'rows from -1 to 6'),
+    ([0, 1, 99], [[5, 6, 7]], 'Candidates.base has rows from 0 to 99')])
+def test_a_method_of_ones_own_that_names_no_star_is_named(frames, base, stars, text):
+    class Wrong(st.CandidateIdentifier):
+
+        def candidates(self, field):
+            yield st.Candidates(np.array(base), np.array(stars))
+
+    centroids = st.extract(frames[0].image, max_stars=30).centroids
+    with pytest.raises(ValueError, match=text):
+        st.identify(centroids, CAMERA, epoch_year=2026.5, method=Wrong)
+
+
+def test_arrays_are_taken_as_files_of_them_are(sky_data, tmp_path):
+    path = photographs(sky_data)[0]
+    grey = read_image(path)
+    expected = st.solve(path, 11.4, '2019-07-29')
+    assert expected.solved
+    colours = np.dstack([grey, grey, grey])
+    for image in (colours, np.dstack([colours, np.full_like(grey, 255)]), grey[..., None]):
+        found = st.solve(image, 11.4, '2019-07-29')
+        np.testing.assert_array_equal(found.quaternion, expected.quaternion)
+    # Of another depth other pixels are saturated.
+    for image in (grey / 255, colours.astype(np.float32), 500 + grey.astype('>f8'),
+                  grey.astype(np.int32), grey.astype('>u2'), colours.astype(np.uint16)):
+        found = st.solve(image, 11.4, 2019.573)
+        assert found.matched == expected.matched
+        assert found.ra_deg == pytest.approx(expected.ra_deg, abs=0.003)
+        assert len(st.extract(image).centroids) == pytest.approx(
+            len(st.extract(grey).centroids), rel=0.2)
+    for image, text in ((grey.astype(complex), 'complex128'), (grey[:5, :5, None, None], 'shape'),
+                        (grey[..., None].repeat(2, 2), r'\(H, W, 3\)'), ('no.png', 'no.png'),
+                        ([[1, 2]], 'list'), (np.full((64, 64), np.nan), 'no finite pixel'),
+                        (np.zeros((0, 5)), 'empty')):
+        with pytest.raises(ValueError, match=text):
+            st.solve(image)
+
+
 def test_wrong_input_is_named():
     tracker = st.StarTracker(CAMERA, 2026.5, star_identifier={'method': 'pyramid'})
+    for rate, text in (([1000.0, 0, 0], '57296 deg/s, more than any gyro.*must be in rad/s'),
+                       ([np.nan, 0, 0], 'three finite numbers'), ('fast', 'three finite')):
+        with pytest.raises(ValueError, match=text):
+            tracker.add_rate(0, rate)
+    # A gyro at the end of its range is no mistake.
+    tracker.add_rate(0, [8.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match='ndarray, must be Centroids: extract'):
+        st.identify(np.zeros((3, 2)), CAMERA, epoch_year=2026.5)
+    with pytest.raises(ValueError, match='camera is of type str, must be Camera: .*load_camera'):
+        st.StarTracker('camera.yaml', 2026.5)
     for image, text in ((np.zeros((512, 512)), 'float64'),
                         (np.zeros((4, 512), np.uint8), '512 x 4 px'),
                         (np.zeros((512, 512, 3), np.uint8), '3 dimensions')):

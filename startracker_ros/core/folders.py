@@ -3,21 +3,31 @@
 
 """Folders that the package writes to unasked."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import chain
+import logging
 import os
 from pathlib import Path
 import tempfile
+import time
 from typing import BinaryIO
 from uuid import uuid4
 
-DATABASES = 'pairs-*', 'catalogue-*', 'quads-*'
-"""Names of the files of pattern databases in the cache folder."""
+from startracker_ros.core.ctrl_c import deleted_by_ctrl_c
 
-MAX_DATABASE_BYTES = 1_600_000_000
-"""Size of the pattern databases in the cache folder: a search of all fields of view has
-1180 MB, a camera up to 170 MB."""
+CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
+"""Environment variable with the size of the cache folder."""
+
+CACHE_MB = 500.0
+"""Its default. A search of all fields of view has 580 MB of databases, a camera up to 170 MB."""
+
+COMPILED_CODE = 'compiled_code'
+"""Name of the folder in it with machine code: of one version 6 MB, which databases leave room."""
+
+_CODE_SHARE = 0.1
+
+LOCK = 'lock'
+"""Name of a file that is never deleted: processes wait for each other by it."""
 
 
 def cache_folder() -> Path:
@@ -26,16 +36,56 @@ def cache_folder() -> Path:
     return Path(root) / 'startracker_ros'
 
 
-def stored_databases(folder: Path) -> list[tuple[Path, int]]:
-    """Return the files of pattern databases in a folder and their bytes, last used first."""
+def most_cache_bytes() -> float:
+    """Return the size that the cache folder may have."""
+    text = os.environ.get(CACHE_VARIABLE, '')
+    with suppress(ValueError):
+        if text and float(text) >= 0:
+            return 1e6 * float(text)
+    if text:
+        logging.getLogger(__name__).warning('%s = %r is no size in MB: %g is used',
+                                            CACHE_VARIABLE, text, CACHE_MB)
+    return 1e6 * CACHE_MB
+
+
+def cached_files(folder: Path) -> list[tuple[Path, int]]:
+    """Return the files in the cache folder and their bytes, last used first."""
     found = []
-    # With those of processes that were killed while they wrote.
-    for file in chain(*map(folder.glob, DATABASES)):
+    # With those of earlier versions, and of processes that were killed while they wrote.
+    for file in folder.rglob('*'):
         # Another process may delete one meanwhile.
         with suppress(FileNotFoundError):
             status = file.stat()
-            found.append((status.st_atime_ns, file, status.st_size))
+            if file.name != LOCK and not file.is_dir():
+                found.append((status.st_atime_ns, file, status.st_size))
     return [(file, size) for _, file, size in sorted(found, reverse=True)]
+
+
+def mark_used(file: int | Path) -> None:
+    """Note that a file of the cache, or one of this descriptor, is used now."""
+    # The file of another user can be read but not touched.
+    with suppress(OSError):
+        os.utime(file, ns=(time.time_ns(), os.stat(file).st_mtime_ns))
+
+
+def limit_cache(first: Iterable[Path] = (), uncounted: Collection[Path] = ()) -> None:
+    """
+    Delete what the cache folder has beyond its size, the least recently used files first.
+
+    first are the last to go, in this order; uncounted files stay whatever there is.
+    """
+    most, sizes = most_cache_bytes(), dict(cached_files(cache_folder()))
+    code = [file for file in sizes if file.parent.name == COMPILED_CODE]
+    databases = [*first, *(file for file in sizes if file not in code)]
+    for files, share in (code, _CODE_SHARE), (databases, 1 - _CODE_SHARE):
+        room = share * most
+        for file in dict.fromkeys(one for one in files if one not in uncounted):
+            if sizes.get(file, 0) <= room:
+                room -= sizes.get(file, 0)
+                continue
+            # In the folder of another user none can be deleted.
+            with suppress(OSError):
+                file.unlink()
 
 
 @contextmanager
@@ -48,9 +98,10 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
     try:
-        with part.open('w+b') as file:
-            yield file
-        os.replace(part, path)
+        with deleted_by_ctrl_c(part):
+            with part.open('w+b') as file:
+                yield file
+            os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
 

@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 import numpy as np
+from startracker_ros.core.astro.epoch import checked_stamp
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
@@ -71,6 +72,7 @@ class Attitude(AttitudeEstimate):
         bound (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace.
         An error a of the acceleration adds (a dt^2 / 2)^2 after the frame.
         """
+        stamp_ns = checked_stamp(stamp_ns)
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
         change = self.shown_rad_s2 * dt_s
         turn = quaternion_from_rotation_vector((self.rate_rad_s + change / 2) * dt_s)

@@ -24,13 +24,13 @@ import sys
 import tempfile
 
 from llvmlite import binding
-from startracker_ros.core.folders import cache_folder, can_write
+from startracker_ros.core.folders import cache_folder, can_write, COMPILED_CODE
 
 PACKAGE = __name__.partition('.')[0]
 _PACKAGE = Path(__file__).parents[1]
 _COMPILER = 'compiled.py'
 
-INSTALLED = _PACKAGE / 'compiled_code'
+INSTALLED = _PACKAGE / COMPILED_CODE
 """Machine code in the install, made by `warm_up --install`; others only read it."""
 
 SIGNATURES = _PACKAGE / 'signatures.json'
@@ -84,8 +84,8 @@ def _folders() -> list[Path]:
     chosen = os.environ.get('NUMBA_CACHE_DIR')
     if chosen:
         return [Path(chosen)]
-    return [cache_folder() / 'compiled_code', INSTALLED,
-            Path(tempfile.gettempdir(), f'startracker_ros_{os.getuid()}', 'compiled_code')]
+    return [cache_folder() / COMPILED_CODE, INSTALLED,
+            Path(tempfile.gettempdir(), f'startracker_ros_{os.getuid()}', COMPILED_CODE)]
 
 
 @cache

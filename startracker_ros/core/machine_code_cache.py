@@ -36,7 +36,7 @@ from numba.core.runtime import rtsys
 from startracker_ros.core.compilation import compile_missing, CompileError, show_progress
 from startracker_ros.core.compiled_types import decode, encode
 from startracker_ros.core.extras import check_numba
-from startracker_ros.core.folders import replaced
+from startracker_ros.core.folders import limit_cache, mark_used, replaced
 from startracker_ros.core.machine_code import (
     code_name, folders_to_read, machine_code_folder, missing_modules, PACKAGE, registered_modules,
     signatures)
@@ -131,6 +131,7 @@ class _Unit:
 
     def __init__(self, path: Path) -> None:
         content = path.read_bytes()
+        mark_used(path)
         digest, payload = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
         if hashlib.sha256(payload).digest() != digest:
             raise ValueError(f'{path} is damaged')
@@ -218,6 +219,7 @@ def save(path: Path, functions: dict[str, Any]) -> None:
         file.write(hashlib.sha256(payload).digest() + payload)
         file.flush()
         os.fsync(file.fileno())
+    limit_cache()
 
 
 def _parts(result: Any) -> list[Any]:

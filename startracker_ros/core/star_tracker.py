@@ -9,16 +9,19 @@ fit it, and a frame is identified unless the tracker tracks and no check is due.
 the same stages side by side, so theirs may use an identification some frames later.
 """
 
+from datetime import datetime
 from typing import Any, Self
 
 import numpy as np
-from startracker_ros.core.astro.epoch import CatalogueEpoch, NOT_STAMPED, RESTART_NS
+from startracker_ros.core.astro.epoch import (
+    CatalogueEpoch, checked_stamp, julian_year, NOT_STAMPED, RESTART_NS)
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
+from startracker_ros.core.attitude.gyro import checked_rate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, MADE_BY
 from startracker_ros.core.centroid.extraction import check_image
 from startracker_ros.core.frame_result import Attitude, FrameResult
 from startracker_ros.core.identify.icrf import icrf_identification
@@ -30,6 +33,7 @@ from startracker_ros.core.stages.parameters import options_of_keywords, StarTrac
 from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.core.values import of_type, vector_of
 
 
 class StarTracker:
@@ -44,15 +48,20 @@ class StarTracker:
     fitted to the apparent directions of its stamp and is that of the sensor in ICRF.
     """
 
-    def __init__(self, camera: Camera, epoch_year: float, **options: Any) -> None:
+    def __init__(self, camera: Camera, epoch_year: float | datetime | str, **options: Any
+                 ) -> None:
         """
-        Take the camera, the Julian year of the catalogue, and node parameters by name.
+        Take the camera, the epoch of the catalogue, and node parameters by name.
+
+        The epoch is a Julian year, or a time as 2026-07-02, UTC where it names no zone.
 
         A name that several nodes have is set in all of them, unless it is another thing in each:
         star_identifier={'method': 'quad'} is that of one node. ValueError names what is wrong,
         and which names there are.
         """
-        self._build(camera, CatalogueEpoch(epoch_year), options_of_keywords(options))
+        self._build(of_type('camera', camera, Camera, 'Camera.from_fov() or load_camera()'),
+                    CatalogueEpoch(julian_year(epoch_year, 'epoch_year')),
+                    options_of_keywords(options))
 
     @classmethod
     def with_options(cls, camera: Camera, epoch: float | CatalogueEpoch,
@@ -64,7 +73,8 @@ class StarTracker:
         return made
 
     def _build(self, camera: Camera, epoch: CatalogueEpoch, options: StarTrackerOptions) -> None:
-        self._camera, epoch_year = camera, epoch.year
+        self._camera, self._epoch_year = camera, epoch.year
+        epoch_year = epoch.year
         self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch_year, options.identification, options.check, gyro=options.gyro,
@@ -90,9 +100,10 @@ class StarTracker:
         """
         Use the rate (3,) in rad/s of a gyro about sensor axes, measured up to a time.
 
-        Before the frame that follows it. ValueError for another shape.
+        Before the frame that follows it. ValueError for another shape, and for what no gyro
+        measures, as deg/s or deg/h in place of rad/s.
         """
-        rate_rad_s = _vector('rate_rad_s', rate_rad_s)
+        stamp_ns, rate_rad_s = checked_stamp(stamp_ns), checked_rate(rate_rad_s)
         self.tracker.add_rate(stamp_ns, rate_rad_s)
         self.identification.add_rate(stamp_ns, rate_rad_s)
 
@@ -103,21 +114,23 @@ class StarTracker:
 
         It is propagated for ten minutes. ValueError for what is no orbit about the Earth.
         """
-        self.motion.add_state(stamp_ns, State(
-            _vector('position_m', position_m), _vector('velocity_m_s', velocity_m_s),
+        self.motion.add_state(checked_stamp(stamp_ns), State(
+            vector_of('position_m', position_m), vector_of('velocity_m_s', velocity_m_s),
             np.zeros((3, 3))))
 
     def process(self, stamp_ns: int, image: np.ndarray) -> FrameResult:
         """
         Process an image (H, W) uint8 or uint16 of the camera.
 
-        ValueError for another type or another size than that of the camera.
+        ValueError for another type or another size than that of the camera, and for a stamp that
+        is not in ns.
         """
         check_image(image)
         camera = self._camera
         if image.shape != (camera.height, camera.width):
             raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px, the camera has '
                              f'{camera.width} x {camera.height}')
+        stamp_ns = self._checked(stamp_ns)
         late = self._late(stamp_ns)
         if late:
             return self._unused(stamp_ns, Centroids.empty(), late)
@@ -132,9 +145,8 @@ class StarTracker:
 
         Where windowed, only stars that the tracker predicted were measured: no check of it.
         """
-        if not isinstance(centroids, Centroids):
-            raise ValueError(
-                f'centroids are of type {type(centroids).__name__}, must be Centroids')
+        of_type('centroids', centroids, Centroids, MADE_BY)
+        stamp_ns = self._checked(stamp_ns)
         late = self._late(stamp_ns)
         if late:
             return self._unused(stamp_ns, centroids, late)
@@ -152,6 +164,10 @@ class StarTracker:
         identifier = self.identification.identifier
         return icrf_identification(identification, centroids, identifier.camera,
                                    self.attitude.sky.at(stamp_ns), identifier.options)
+
+    def _checked(self, stamp_ns: int) -> int:
+        """Return the stamp of a frame; the first one shows in which unit they are."""
+        return checked_stamp(stamp_ns, self._epoch_year if self._newest_ns is None else None)
 
     def _late(self, stamp_ns: int) -> str:
         """Return why a frame is not newer, empty if it is; forget all if time was set back."""
@@ -201,11 +217,3 @@ def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:
     """Return whether the star tracker has the stars of the catalogue, with their magnitudes."""
     faintest = camera_catalog(camera).magnitude.max()
     return options.band == BandOptions() and faintest <= options.tracker.magnitude_limit
-
-
-def _vector(name: str, value: np.ndarray) -> np.ndarray:
-    """Return a value as float64 (3,); ValueError."""
-    vector = np.asarray(value, float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f'{name} = {value} must be three finite numbers')
-    return vector

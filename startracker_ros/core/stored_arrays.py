@@ -10,24 +10,30 @@ of many databases gives back what it has not used for longest, beyond MOST_RESID
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 import hashlib
-import inspect
 import json
 import logging
 import mmap
+from multiprocessing.util import Finalize
 import os
 from pathlib import Path
 import struct
 from threading import Lock
-import time
 from typing import BinaryIO
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 import zlib
 
 import numpy as np
-from startracker_ros.core.folders import (
-    cache_folder, MAX_DATABASE_BYTES, replaced, stored_databases)
-from startracker_ros.core.machine_code import digest_of_sources
+from startracker_ros.core.folders import cache_folder, limit_cache, mark_used, replaced
+
+FORMAT = 1
+"""
+Of all stored arrays: their layout in a file, and what their builders put into them.
+
+To be raised with every change of either, so that no file of before is read: with what it is built
+from it is the key of a file. A test compares what is built with what was recorded for FORMAT.
+"""
 
 MOST_RESIDENT_BYTES = 100_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
@@ -74,6 +80,9 @@ class StoredArrays:
             self._mapped.madvise(mmap.MADV_DONTNEED)
 
 
+# Files that are mapped now, and all that this process has used, the first one at the beginning.
+_mapped: WeakValueDictionary[Path, StoredArrays] = WeakValueDictionary()
+_used: dict[Path, None] = {}
 # With pages in memory, the one last used at the end.
 _resident: WeakKeyDictionary[StoredArrays, None] = WeakKeyDictionary()
 
@@ -121,12 +130,11 @@ def stored_arrays(kind: str, key: str, build: Callable[[], dict[str, np.ndarray]
     """
     Return the arrays of a kind and a key from the cache, or build and store them.
 
-    Those that other sources of build() have made are left alone.
+    key is that of all that build() depends on, except for the code: FORMAT is of that.
     A file that does not match its checksum is rebuilt. Where the folder cannot be written, the
-    arrays are built each time. The last used files remain, up to MAX_DATABASE_BYTES.
+    arrays are built each time. The last used files remain, as limit_cache() has it.
     """
-    sources = digest_of_sources(Path(inspect.getfile(build)))
-    path = cache_folder() / f'{kind}-{digest(sources, key)[:32]}.bin'
+    path = cache_folder() / f'{kind}-{digest(FORMAT, key)[:32]}.bin'
     stored = _load(path)
     if stored is None:
         arrays = build()
@@ -143,10 +151,8 @@ def _load(path: Path) -> StoredArrays | None:
                     logging.getLogger(__name__).warning('%s is damaged and is rebuilt', path)
                     return None
                 _sound[path] = identity
-            # The file of another user can be read but not touched.
-            with suppress(OSError):
-                os.utime(file.fileno(), ns=(time.time_ns(), identity[-1]))
-            return _map(file)
+            mark_used(file.fileno())
+            return _in_use(path, _map(file))
     except OSError:
         return None
 
@@ -169,6 +175,25 @@ def _matches_checksum(file: BinaryIO) -> bool:
     while chunk := file.read(_CHUNK):
         found = zlib.crc32(chunk, found)
     return found == checksum
+
+
+def _in_use(path: Path, stored: StoredArrays) -> StoredArrays:
+    """Note that the arrays of a file are in use, and return them."""
+    _mapped[path] = stored
+    _used.setdefault(path)
+    return stored
+
+
+@cache
+def _limit_at_the_end() -> None:
+    """
+    Count at the end of this process what it has used, which has the most room.
+
+    Not before: a search of more databases than there is room for would delete each one before its
+    next use.
+    """
+    # Of processes of a pool as well, which atexit does not know.
+    Finalize(None, lambda: limit_cache(first=_used), exitpriority=0)
 
 
 def _map(file: BinaryIO) -> StoredArrays:
@@ -195,7 +220,9 @@ def _store(path: Path, arrays: dict[str, np.ndarray]) -> StoredArrays | None:
             _write(file, arrays)
             stored, identity = _map(file), _identity(file)
         _sound[path] = identity
-        _delete_oldest(path.parent)
+        _in_use(path, stored)
+        limit_cache(uncounted=set(_mapped))
+        _limit_at_the_end()
     except OSError as error:
         logging.getLogger(__name__).warning(
             'pattern database is not cached in %s: %s', path.parent, error.strerror)
@@ -227,12 +254,3 @@ def _write(file: BinaryIO, arrays: dict[str, np.ndarray]) -> None:
 
 def _aligned(size: int) -> int:
     return -(-size // _ALIGNMENT) * _ALIGNMENT
-
-
-def _delete_oldest(folder: Path) -> None:
-    """Delete the least recently used files beyond MAX_DATABASE_BYTES, whoever has made them."""
-    total = 0
-    for file, size in stored_databases(folder):
-        total += size
-        if total > MAX_DATABASE_BYTES:
-            file.unlink(missing_ok=True)

@@ -109,12 +109,11 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:
-    return Column(name, [cell_text(name, None if _says_nothing(name, row) else row[name])
+    return Column(name, [cell_text(name, None if _is_unbounded(name, row) else row[name])
                          for row in rows],
                   any(isinstance(row[name], (int, float)) for row in rows))
 
 
-def _says_nothing(name: str, row: Mapping[str, object]) -> bool:
-    """Return whether a row holds only as nothing bounds it, or a solved image gives a reason."""
-    return (name == 'holds' and row[name] is True and row.get('bound') == ''
-            or name == 'reason' and row.get('solved') is True)
+def _is_unbounded(name: str, row: Mapping[str, object]) -> bool:
+    """Return whether a row holds only as nothing bounds it."""
+    return name == 'holds' and row[name] is True and row.get('bound') == ''

@@ -10,9 +10,9 @@ from itertools import islice
 import logging
 from multiprocessing import active_children, get_context, resource_tracker
 import os
-import signal
 from typing import Any
 
+from startracker_ros.core.ctrl_c import no_ctrl_c_in_children
 from startracker_ros.core.extras import extra
 
 MEMORY_LIMIT = '2GiB'
@@ -44,7 +44,9 @@ class Processes(ProcessPoolExecutor):
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any
                ) -> Future[Any]:
         # It starts processes.
-        with _ctrl_c_later():
+        # Its start would unblock the signal.
+        resource_tracker.ensure_running()
+        with no_ctrl_c_in_children():
             return super().submit(function, *arguments, **options)
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
@@ -73,28 +75,13 @@ def cluster(workers: int, scheduler: str = '') -> Iterator[Any]:
         return
     # The profiler of dask interrupts a worker every 10 ms, which takes 6 % of its time.
     with dask.config.set({'distributed.worker.profile.enabled': False}):
-        with _ctrl_c_later():
+        resource_tracker.ensure_running()
+        with no_ctrl_c_in_children():
             local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
                                  memory_limit=MEMORY_LIMIT, dashboard_address=':0',
                                  silence_logs=logging.CRITICAL)
         with local, Client(local) as client:
             yield client
-
-
-@contextmanager
-def _ctrl_c_later() -> Iterator[None]:
-    """
-    Take Ctrl-C afterwards, and never in the processes that are started meanwhile.
-
-    They inherit what is blocked. They would print tracebacks; this process ends them.
-    """
-    # Its start would unblock the signal.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def completed(client: Any, function: Callable[..., Any], tasks: Sequence[tuple]

@@ -1,29 +1,35 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which parameters the arguments of a process set for a node by its own name."""
+"""Which parameters the arguments of a process set for its nodes, and not for all nodes."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+import os
 from pathlib import Path
 
 import yaml
+
+LAUNCHED = 'STARTRACKER_LAUNCHED'
+"""Set in the environment of nodes that a launch file of this package starts."""
 
 _VALUES = 'ros__parameters'
 
 
 def addressed_parameters(arguments: Sequence[str], node: str) -> set[str]:
     """
-    Return the parameters that are set by -p NODE:NAME:=VALUE or in a file under the node's name.
+    Return the parameters that are set by -p, or in a file under the name of the node.
 
-    What is set for all nodes, by -p NAME:=VALUE or under a key as /**, is not among them. rcl has
-    read the files before: they exist and are valid.
+    What is set for all nodes, under a key as /**, is not among them. Nor is -p NAME:=VALUE without
+    the name of a node where launch has started it: SetParameter of any launch file comes so. rcl
+    has read the files before: they exist and are valid.
     """
+    owners = {node} if os.environ.get(LAUNCHED) else {node, ''}
     names = set()
     for option, value in pairwise(arguments):
         if option in ('-p', '--param'):
             owner, _, name = value.partition(':=')[0].rpartition(':')
-            names |= {name} if owner == node else set()
+            names |= {name} if owner in owners else set()
         elif option == '--params-file':
             for key, parameters in sections(Path(value)):
                 names |= parameters if key.rpartition('/')[2] == node else set()

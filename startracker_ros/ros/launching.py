@@ -21,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from startracker_ros.ros.executables import EXECUTABLES, WRONG_USE
-from startracker_ros.ros.given_parameters import sections
+from startracker_ros.ros.given_parameters import LAUNCHED, sections
 from startracker_ros.ros.processes import node_environment
 import yaml
 
@@ -118,7 +118,7 @@ def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
             ros_arguments=['--log-level', given['log_level'],
                            *(word for path in defaults for word in ('--params-file', path))],
             parameters=[*([params_file] if params_file else []), *([last] if last else [])],
-            additional_env=node_environment(), **options)]
+            additional_env={**node_environment(), LAUNCHED: '1'}, **options)]
     return OpaqueFunction(function=make)
 
 

@@ -130,8 +130,8 @@ def reject_unknown(nodes: Sequence[Node], arguments: Sequence[str]) -> None:
     Raise ParameterError for a parameter of a node that no node of this process declares.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
-    What the arguments set without the name of a node, as SetParameter of a launch file does, may
-    be meant for others, and is a warning.
+    What is set for all nodes, in a file under /** or by SetParameter of a launch file, may be
+    meant for others, and is a warning.
     """
     known = {name for node in nodes for name in parameter_overrides(node)
              if node.has_parameter(name)}

@@ -141,7 +141,7 @@ class NodeProcesses:
 
     def __init__(self, log_folder: Path, environment: dict[str, str] | None = None) -> None:
         self.log_folder = log_folder
-        self._environment = {**node_environment(), **(environment or {})}
+        self.environment = {**node_environment(), **(environment or {})}
         self.processes: dict[str, subprocess.Popen] = {}
 
     def start(self, node: str, parameters: dict[str, object] | None = None,
@@ -157,9 +157,10 @@ class NodeProcesses:
 
     def run(self, name: str, command: Sequence[str]) -> subprocess.Popen:
         """Run a command under a name."""
+        # In a group of its own: a terminal would send Ctrl-C to it, and this process ends it.
         with open(self.log_folder / f'{name}.log', 'ab') as log:
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                       env=self._environment)
+                                       env=self.environment, process_group=0)
         self.processes[name] = process
         return process
 

@@ -3,6 +3,7 @@
 
 """Node processes and a probe that observes them, started and ended together."""
 
+from contextlib import ExitStack
 from pathlib import Path
 import shutil
 import tempfile
@@ -12,6 +13,7 @@ from typing import Self
 import rclpy
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
+from startracker_ros.core.ctrl_c import interrupted_by_ctrl_c
 from startracker_ros.ros.probe import Probe
 from startracker_ros.ros.processes import NodeProcesses, set_environment
 
@@ -74,8 +76,11 @@ class Rig:
             rclpy.try_shutdown(context=self._context)
 
     def __enter__(self) -> Self:
+        self._open = ExitStack()
+        self._open.enter_context(interrupted_by_ctrl_c())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        self.stop()
+        with self._open:
+            self.stop()

@@ -40,6 +40,8 @@ class Shutdown:
         signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
+        # `startracker run` blocks it while the node is imported.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
     def request(self, code: int = 0) -> None:
         """Request shutdown, from any thread, with the exit code of the process."""

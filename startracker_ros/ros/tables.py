@@ -47,11 +47,19 @@ def markdown_text() -> str:
     lines = [
         '# Parameters', '',
         f'Made by `{_COMMAND}` from the option tables in the code. A value out of range, of the',
-        'wrong type or with an unknown name stops the node at its start with a message that names',
-        'it; a change at run time is rejected with the same message. An accepted change takes',
+        'wrong type or with an unknown name stops the node at its start: exit status 2, and a',
+        'message that names it and the closest known name. A change at run time is rejected with',
+        'the same message. An accepted change takes',
         'effect with the next frame. It resets a stateful node unless the parameter is marked',
         'live. The value that a parameter has is no change: `ros2 param load` of the own dump of',
-        'a node resets nothing.']
+        'a node resets nothing.', '',
+        'An unknown name stops the node where it is meant for it: `-p NAME:=VALUE`,',
+        '`-p NODE:NAME:=VALUE`, and in a file the key of the node. What is set for all nodes may',
+        'be a parameter of another one and is a warning with the closest known name: a file under',
+        '`/**`, and `SetParameter` of a launch file that includes one of this package. In a launch',
+        'file of your own that starts these nodes by itself, `SetParameter` is `-p`: give what other',
+        'nodes need in a file under `/**`. Parameters of rclpy (`use_sim_time`,',
+        '`start_type_description_service`, `qos_overrides.*`) are known to all nodes.']
     for node in NODES:
         lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',
                   '|---|---|---|---|---|']

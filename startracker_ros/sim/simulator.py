@@ -3,8 +3,10 @@
 
 """The simulated star tracker camera, with options by keyword."""
 
+from datetime import datetime
 from typing import Any, TypeVar
 
+from startracker_ros.core.astro.epoch import julian_year
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.options import Options, options_by_class
 from startracker_ros.sim.sky import simulator
@@ -23,10 +25,10 @@ class SkySimulator(simulator.SkySimulator):
     axes in rad/s. Time 0 is at epoch_year.
     """
 
-    def __init__(self, camera: Camera, epoch_year: float, *, frame_rate_hz: float = 10.0,
-                 **options: Any) -> None:
+    def __init__(self, camera: Camera, epoch_year: float | datetime | str, *,
+                 frame_rate_hz: float = 10.0, **options: Any) -> None:
         """
-        Take the camera, the Julian year of time 0, and parameters of sky_simulator by name.
+        Take the camera, the epoch of time 0 as StarTracker does, and parameters of sky_simulator by name.
 
         width and height are those of the camera. ValueError names what is wrong, and which names
         there are.
@@ -41,5 +43,6 @@ class SkySimulator(simulator.SkySimulator):
         if motion.motion == 'topic':
             raise ValueError("motion = 'topic' needs the node: take another one")
         super().__init__(camera, motion_from_options(motion, seed=seed, head=of(HeadOptions)),
-                         epoch_year=epoch_year, frame_rate_hz=frame_rate_hz, seed=seed,
+                         epoch_year=julian_year(epoch_year, 'epoch_year'),
+                         frame_rate_hz=frame_rate_hz, seed=seed,
                          **simulator_parts(of, camera))

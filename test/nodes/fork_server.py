@@ -114,7 +114,7 @@ class ForkedNodes(NodeProcesses):
             return super().run(name, command)
         ForkedNodes.server = ForkedNodes.server or ForkServer()
         self.processes[name] = self.server.start(
-            command, self.log_folder / f'{name}.log', self._environment)
+            command, self.log_folder / f'{name}.log', self.environment)
         return self.processes[name]
 
 

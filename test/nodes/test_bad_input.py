@@ -105,10 +105,20 @@ def exit_of(tmp_path):
 @pytest.mark.parametrize('node', NODES)
 def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
     parameters = {'folder': str(tmp_path / 'bag')} if node == 'bag_recorder' else {}
-    code, printed = exit_of(node, parameters, '--ros-args', '-p', f'{node}:treshold:=3.0')
+    # What rclpy itself knows is no mistake.
+    known = ['-p', 'use_sim_time:=false', '-p', 'start_type_description_service:=false',
+             '-p', 'qos_overrides./image_raw.subscription.depth:=2']
+    # With the name of the node, and as it is typed at a prompt.
+    name = f'{node}:treshold' if [*NODES].index(node) % 2 else 'treshold'
+    code, printed = exit_of(node, parameters, '--ros-args', *known, '-p', f'{name}:=3.0')
     assert code == 2
     assert 'unknown parameter treshold' in printed
     assert 'Traceback' not in printed
+
+
+def test_the_closest_known_parameter_is_named(exit_of):
+    code, printed = exit_of('sky_simulator', {}, '--ros-args', '-p', 'fov:=20.0')
+    assert code == 2 and 'unknown parameter fov; did you mean fov_deg?' in printed
 
 
 @pytest.mark.parametrize('key', ['/star_tracker', '/**/star_tracker', '/**:\n  star_tracker'])

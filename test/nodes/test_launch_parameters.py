@@ -30,6 +30,7 @@ def started(monkeypatch, tmp_path, nodes, probe):
 
     def start(launch, executable, node, names, set_parameters=()):
         chosen, = (each for each in launch.nodes if each['executable'] == executable)
+        nodes.environment.update(chosen['additional_env'])
         nodes.run(executable, node_command(executable, launch.ros_arguments(
             chosen, tmp_path, set_parameters)))
         values = probe.call(GetParameters, f'{node}/get_parameters',

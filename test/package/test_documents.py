@@ -21,7 +21,7 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
 import pytest
-from startracker_ros.__main__ import main
+from startracker_ros.command_line import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
 

@@ -23,3 +23,6 @@ EARTH_RADIUS_M = 6378136.6
 
 EARTH_J2 = 1.0826359e-3
 """Dynamical form factor of the Earth (IERS Conventions 2010, table 1.1)."""
+
+MAX_SPEED_M_S = 20e3
+"""No orbit about the Earth is faster: 11.2 km/s is the speed of escape."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.astro.aberration import Air, Vantage, vantage_near_earth
 from startracker_ros.core.astro.bodies import bodies_at, BodiesInSky, STEP_NS
-from startracker_ros.core.astro.constants import EARTH_RADIUS_M
+from startracker_ros.core.astro.constants import EARTH_RADIUS_M, MAX_SPEED_M_S
 from startracker_ros.core.astro.earth import earth_state
 from startracker_ros.core.astro.elements import orbit_velocity, OrbitOptions
 from startracker_ros.core.astro.epoch import (
@@ -18,9 +18,6 @@ from startracker_ros.core.astro.epoch import (
 from startracker_ros.core.astro.orbit import OrbitError, propagate
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.options import option
-
-MAX_SPEED_M_S = 20e3
-"""No orbit about the Earth is faster: 11.2 km/s is the speed of escape."""
 
 MAX_AGE_S = 600.0
 """Time for which odometry is propagated."""

@@ -15,6 +15,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState, Predicti
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.options import option, Options
+from startracker_ros.core.values import vector_of
 
 _DEG_H = np.radians(1 / 3600)
 _DEG_SQRT_H = np.radians(1 / 60)
@@ -22,6 +23,9 @@ _HOUR_S = 3600.0
 
 MAX_RATE_RAD_S = np.radians(100.0)
 """Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
+
+IMPOSSIBLE_RAD_S = 100.0
+"""More than the range of any gyro, 5730 deg/s: such a number is in another unit."""
 
 SATURATED = 0.999  # of the range
 UNEXPECTED = 16.3  # chi-square of three axes that one in 1000 exceeds by chance
@@ -64,6 +68,19 @@ class GyroStep(NamedTuple):
 
 AT_ITS_RANGE = ('imu reaches gyro_range_deg_s: its rates are not used while the true ones may be '
                 'larger')
+
+
+def checked_rate(rate_rad_s: np.ndarray) -> np.ndarray:
+    """
+    Return a rate (3,) in rad/s about sensor axes as float64.
+
+    ValueError for another shape, NaN, infinity, and for what no gyro measures.
+    """
+    rate = vector_of('rate_rad_s', rate_rad_s)
+    if np.abs(rate).max() > IMPOSSIBLE_RAD_S:
+        raise ValueError(f'rate_rad_s = {rate.tolist()} is {np.degrees(np.abs(rate).max()):.0f} '
+                         'deg/s, more than any gyro measures: it must be in rad/s')
+    return rate
 
 
 def rate_text(rate_rad_s: np.ndarray) -> str:

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,12 +23,19 @@ class CameraError(ValueError):
     """Parameters that no real camera has; the text names them."""
 
 
+def _whole(name: str, value: float) -> int:
+    """Return a number of pixels as an int, 512.0 too; CameraError for what is no whole number."""
+    if not isinstance(value, Real) or value != value // 1:
+        raise CameraError(f'{name} = {value!r} must be a whole number of px')
+    return int(value)
+
+
 @dataclass(frozen=True)
 class Camera:
     """
     A camera; pixel (0, 0) is the centre of the top-left pixel.
 
-    fx, fy, cx, cy are in px; distortion are the coefficients of distortion_model in the order
+    width, height, fx, fy, cx, cy are in px, the first two whole numbers, of any type; distortion are the coefficients of distortion_model in the order
     of sensor_msgs/CameraInfo (distortion.py). CameraError for impossible parameters.
     """
 
@@ -41,6 +49,8 @@ class Camera:
     distortion_model: str = PLUMB_BOB
 
     def __post_init__(self) -> None:
+        for name in ('width', 'height'):
+            object.__setattr__(self, name, _whole(name, getattr(self, name)))
         if not (0 < self.width <= 65536 and 0 < self.height <= 65536):
             raise CameraError(f'image size {self.width} x {self.height} px is not possible')
         if self.distortion_model not in MODELS:
@@ -80,6 +90,7 @@ class Camera:
         if not 0 < fov_deg < model.limit_deg:
             raise CameraError(f'field of view {fov_deg} deg must be within 0 .. '
                               f'{model.limit_deg:g} deg')
+        width, height = _whole('width', width), _whole('height', height)
         half = np.radians(fov_deg) / 2
         focal = width / 2 / (half if model.equidistant else np.tan(half))
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2,

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+MADE_BY = 'extract() makes them of an image, Centroids(uv, flux, snr, sigma_px) of a list'
+
 ROUND = np.empty((0, 2, 2))
 UNKNOWN_EXPOSURE = (0.0, np.inf)
 

@@ -103,10 +103,24 @@ class FieldStars:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Catalogue indices stars (M, B) that image stars base (B,) may be."""
+    """
+    Catalogue indices stars (M, B) that image stars base (B,) may be.
+
+    Both are rows: of CandidateIdentifier.onboard, and of the field.
+    """
 
     base: np.ndarray
     stars: np.ndarray
+
+    def check(self, image_stars: int, catalogue_stars: int) -> None:
+        """Raise ValueError for rows that the field or the catalogue does not have."""
+        for name, rows, count, how in (
+                ('base', self.base, image_stars, ''),
+                ('stars', self.stars, catalogue_stars,
+                 ': rows of self.onboard, whose index_of() finds those of HIP numbers')):
+            if np.size(rows) and not 0 <= np.min(rows) <= np.max(rows) < count:
+                raise ValueError(f'Candidates.{name} has rows from {np.min(rows)} to '
+                                 f'{np.max(rows)}, there are {count}{how}')
 
 
 class Identifier(ABC):
@@ -205,7 +219,7 @@ class CandidateIdentifier(Identifier):
         """Yield the catalogue stars that some of the image stars may be."""
 
     def identify(self, centroids: Centroids) -> Identification:
-        """Return the first candidate that is verified."""
+        """Return the first candidate that is verified; ValueError for one of no such stars."""
         field = self.field_stars(centroids)
         if len(field) < self.min_stars:
             return self.too_few(centroids, len(field))
@@ -213,6 +227,7 @@ class CandidateIdentifier(Identifier):
         false_alarm = 1.0
         tested = 0
         for found in self.candidates(field):
+            found.check(len(field), len(self.onboard))
             tested += len(found.stars)
             supported = self.verifier.supported(field.direction, field.sigma_rad, found.base,
                                                 found.stars)

@@ -3,23 +3,26 @@
 
 """The stars of one frame of centroids, with its attitude in ICRF."""
 
+from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
+from startracker_ros.core.astro.epoch import julian_year
 from startracker_ros.core.astro.observer_motion import AT_REST, observer_at
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, MADE_BY
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, Identifier)
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.options import options_by_class
+from startracker_ros.core.values import of_type
 
 
-def identify(centroids: Centroids, camera: Camera, *, epoch_year: float,
+def identify(centroids: Centroids, camera: Camera, *, epoch_year: float | datetime | str,
              method: str | type[Identifier] = 'pyramid', aberration: str = 'earth_only',
              **options: Any) -> Identification:
     """
@@ -29,8 +32,11 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float,
     CandidateIdentifier. aberration is that of the Earth's velocity at the Julian
     year, or 'none' for a sky without. options are those of star_identifier, as they are in
     IdentificationOptions. The database of a camera is built by the first call and kept. ValueError
-    for a wrong option, CameraError for a field that the method cannot handle.
+    for a wrong option, for what are no Centroids, and for a method of one's own with rows that the
+    catalogue does not have; CameraError for a field that the method cannot handle.
     """
+    of_type('centroids', centroids, Centroids, MADE_BY)
+    epoch_year = julian_year(epoch_year, 'epoch_year')
     if aberration not in ('earth_only', 'none'):
         raise ValueError(f'aberration = {aberration!r} must be one of earth_only, none')
     named, kind = (method, None) if isinstance(method, str) else ('pyramid', method)

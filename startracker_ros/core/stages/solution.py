@@ -71,8 +71,8 @@ class Solution:
 
     @property
     def reason(self) -> str:
-        """Return why there is no attitude, or how many stars there are."""
-        return self.identification.reason
+        """Return why there is no attitude, empty where there is one."""
+        return '' if self.solved else self.identification.reason
 
     @property
     def quaternion(self) -> np.ndarray | None:

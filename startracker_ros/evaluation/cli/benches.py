@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 from startracker_ros.evaluation.cli.measurement import HARNESS, measurement, only_option
+from startracker_ros.tools.cli.inputs import InputPath
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
     check_names, finish_measured as finish, json_option, scheduler_option, seed_option,
@@ -21,7 +22,7 @@ def bench() -> None:
 
 _bench = partial(measurement, bench)
 _cedar_option = click.option(
-    '--cedar-python', type=click.Path(exists=True, dir_okay=False),
+    '--cedar-python', type=InputPath(dir_okay=False),
     help="Python of a venv with cedar-solve and 'numpy<2', to run that peer as well.")
 
 _bench('pipeline', 'bench.pipeline:run_pipeline_bench',
@@ -60,7 +61,7 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
 
 @bench.command('real-sky')
 @click.argument('folders', nargs=-1,
-                type=click.Path(exists=True, file_okay=False, path_type=Path))
+                type=InputPath(file_okay=False))
 @_cedar_option
 @seed_option
 @json_option
@@ -71,7 +72,7 @@ def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: in
     from startracker_ros.evaluation.bench.photographs import FolderError
     from startracker_ros.evaluation.bench.real_sky import run_real_sky_bench
     with usage_error_on(FolderError), exit_1_on(PeerError):
-        result = run_real_sky_bench(folders, seed=seed, cedar_python=cedar_python or '')
+        result = run_real_sky_bench(folders, seed=seed, cedar_python=str(cedar_python or ''))
     finish(result, as_json)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 from startracker_ros.evaluation.cli.measurement import HARNESS, measurement, only_option
+from startracker_ros.tools.cli.inputs import InputPath
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on
 from startracker_ros.tools.cli.shared import (
     check_names, check_pictures, finish_measured as finish, json_option, picture_option,
@@ -95,7 +96,7 @@ _campaign('soak', 'campaign.soak:run_soak_campaign',
 _campaign('centroid', 'campaign.centroid:run_centroid_campaign',
           'Weighted means at right and wrong thresholds on real photographs.',
           click.option('--images', 'folder', metavar='FOLDER',
-                       type=click.Path(path_type=Path, exists=True, file_okay=False),
+                       type=InputPath(file_okay=False),
                        help='Images with a solutions.csv.  '
                        '[default: night-sky-11deg of STARTRACKER_DATA]'),
           trials_option(200, 'Draws of images, with repetition.'),

@@ -12,6 +12,7 @@ import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.evaluation.datasheet.design_options import DesignOptions
 from startracker_ros.io.output import check_output
+from startracker_ros.tools.cli.inputs import InputPath
 from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
     finish_measured as finish, json_option, output_option, scheduler_option, seed_option,
@@ -19,9 +20,9 @@ from startracker_ros.tools.cli.shared import (
 
 
 @click.command()
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML.  [default: 1024 x 1024 px, 12 deg]')
-@click.option('--optics', 'optics_file', type=click.Path(path_type=Path),
+@click.option('--optics', 'optics_file', type=InputPath(),
               help='YAML with options of the detector of sky_simulator: PSF, exposure, noise.')
 @click.option('--quick', is_flag=True, help='Simulate little: a minute, wide intervals.')
 @output_option('datasheet.html', 'The page.', folder=False)

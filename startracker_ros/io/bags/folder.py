@@ -31,6 +31,13 @@ def is_bag_folder(folder: Path) -> bool:
         any(folder.glob(f'*{suffix}*')) for suffix in _SUFFIXES.values())
 
 
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a bag and no images."""
+    if path.is_dir():
+        return is_bag_folder(path)
+    return path.suffix in ('.mcap', '.db3', '.zstd')
+
+
 def find_files(bag: BagPath | str, report: Callable[[str], None] | None) -> BagFiles:
     """
     Return the files of a bag folder, or the file itself; BagError if they cannot be read.

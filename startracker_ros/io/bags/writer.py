@@ -4,12 +4,13 @@
 """Writes a bag as rosbag2 (Jazzy, storage mcap) writes it, so that its tools read and play it."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
 from mcap.writer import CompressionType, LIBRARY_IDENTIFIER, Writer
+from startracker_ros.core.ctrl_c import interrupted_by_ctrl_c
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.metadata import bag_information, FileRecord, to_yaml, TopicRecord
@@ -136,11 +137,14 @@ class BagWriter:
             (self._folder / 'metadata.yaml').write_text(text)
 
     def __enter__(self) -> 'BagWriter':
+        self._open = ExitStack()
+        self._open.enter_context(interrupted_by_ctrl_c())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        self.close()
+        with self._open:
+            self.close()
 
     @property
     def _path(self) -> Path:

@@ -14,7 +14,7 @@ import zlib
 import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
-from startracker_ros.core.camera.levels import levels_of
+from startracker_ros.core.camera.levels import levels_of, sixteen_bit
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
 from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
@@ -164,14 +164,35 @@ def _first_of_ser(path: Path) -> Photograph:
     return Photograph(grey(first.image), taken=first.taken)
 
 
+def photograph_of(image: np.ndarray) -> Photograph:
+    """
+    Return an array (H, W), or (H, W, C) with 1, 3 or 4 channels, as a file of it would be read.
+
+    Of any type of integers or floats: all but 8 and 16 bits are scaled. ValueError for another.
+    """
+    if not isinstance(image, np.ndarray) or image.dtype.kind not in 'uif':
+        kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
+        raise ValueError(f'image is {kind}, must be an array of integers or floats, or a path')
+    if image.ndim not in (2, 3) or image.shape[2:] not in ((), (1,), (3,), (4,)):
+        raise ValueError(f'image has the shape {image.shape}, must be (H, W) or (H, W, 3)')
+    if image.size > (1 if image.ndim == 2 else image.shape[2]) * MOST_PIXELS:
+        raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px, at most '
+                         f'{MOST_PIXELS // 1_000_000} million px are solved')
+    if not image.size:
+        raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px is empty')
+    return Photograph(sixteen_bit(grey(np.ascontiguousarray(image))))
+
+
 def grey(image: np.ndarray) -> np.ndarray:
     """Return (H, W) of (H, W) or (H, W, C): the mean of three channels."""
     if image.ndim == 2:
         return image
     if image.shape[2] == 1:
         return image[..., 0]
-    # Less noisy than the weights of human vision.
-    return cv2.transform(image[..., :3], np.full((1, 3), 1 / 3))
+    # Less noisy than the weights of human vision. OpenCV has few types of pixels.
+    if image.dtype in (np.uint8, np.uint16):
+        return cv2.transform(image[..., :3], np.full((1, 3), 1 / 3))
+    return image[..., :3].mean(axis=2)
 
 
 def image_paths(paths: Sequence[Path]) -> list[Path]:

@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import click
+from startracker_ros.tools.cli.inputs import InputPath
 from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, FailedError, usage_error_on
 from startracker_ros.tools.cli.shared import (
     become_node, json_option, namespace_option, output_option, print_result)
@@ -48,7 +49,7 @@ def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...
 
 
 @click.command()
-@click.argument('bag', type=click.Path(path_type=Path))
+@click.argument('bag', type=InputPath())
 @click.option('--topic', 'topics', multiple=True, metavar='PATTERN',
               help='Topics to play, * for any characters.  [default: all]')
 @click.option('--exclude', multiple=True, metavar='PATTERN',
@@ -87,7 +88,7 @@ def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: t
 
 
 @click.command()
-@click.argument('bag', type=click.Path(path_type=Path))
+@click.argument('bag', type=InputPath())
 @click.option('--recover', 'output', metavar='OUT', type=click.Path(path_type=Path),
               help='Write all that is whole of an unfinished or damaged bag into a new one.')
 @json_option
@@ -109,7 +110,7 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument('bag', type=click.Path(path_type=Path))
+@click.argument('bag', type=InputPath())
 @output_option('report.html', 'Page to write.', folder=False)
 @namespace_option
 @json_option
@@ -125,7 +126,7 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
 
 
 @click.command()
-@click.argument('bag', type=click.Path(path_type=Path))
+@click.argument('bag', type=InputPath())
 @output_option('export', 'Folder for the files.')
 @click.option('--format', 'formats', multiple=True, default=('aem', 'csv'), show_default=True,
               type=click.Choice(['aem', 'csv', 'parquet']), help='One or more of them.')

@@ -7,6 +7,7 @@ from pathlib import Path
 import sys
 
 import click
+from startracker_ros.tools.cli.inputs import InputName, InputPath
 from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, usage_error_on
 from startracker_ros.tools.cli.shared import (
     json_option, output_option, print_result, scheduler_option, seed_option)
@@ -52,12 +53,12 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
 
 
 @click.command()
-@click.argument('bags', nargs=-1, required=True, metavar='BAG...')
+@click.argument('bags', nargs=-1, required=True, metavar='BAG...', type=InputName())
 @output_option('reprocessed', _FILES)
 @click.option('--source', type=click.Choice(['centroids', 'image_raw']), default=None,
               help='What is processed.  [default: centroids where a bag has them]')
 @click.option('--parameters', 'files', multiple=True,
-              type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              type=InputPath(dir_okay=False),
               help='YAML files of node parameters.')
 @click.option('--set', 'settings', multiple=True, metavar='NODE.NAME=A[,B...]',
               help='A parameter, or several values: a run with each combination.')
@@ -109,8 +110,8 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
 
 
 @click.command()
-@click.argument('out_a', type=click.Path(path_type=Path))
-@click.argument('out_b', type=click.Path(path_type=Path))
+@click.argument('out_a', type=InputPath())
+@click.argument('out_b', type=InputPath())
 @click.option('--picture', type=click.Path(path_type=Path, dir_okay=False),
               help='Draw the differences into this PNG file.')
 @json_option
@@ -124,7 +125,7 @@ def compare(out_a: Path, out_b: Path, picture: Path | None, as_json: bool) -> No
 
 
 @click.command()
-@click.argument('out', type=click.Path(path_type=Path))
+@click.argument('out', type=InputPath())
 @output_option('trend.html', 'Page to write.', folder=False)
 @click.option('--orbit-s', type=click.FloatRange(60), default=5801.0, show_default=True,
               help='Period of what changes with the heat of each orbit.')
@@ -139,7 +140,7 @@ def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument('out', type=click.Path(path_type=Path))
+@click.argument('out', type=InputPath())
 @output_option('tracklets', _FILES)
 @click.option('--originator', default='UNKNOWN', show_default=True,
               help='Who makes the messages, for their header.')

@@ -10,6 +10,7 @@ from typing import Any, TYPE_CHECKING
 import click
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
+from startracker_ros.tools.cli.inputs import FOV_DEG, InputName, InputPath
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import (
     become_node, finish, finish_measured, json_option, output_option, print_result, seed_option)
@@ -99,11 +100,11 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
 
 
 @click.command()
-@click.option('--device', default='/dev/video0', show_default=True,
+@click.option('--device', default='/dev/video0', show_default=True, type=InputName(),
               help='Camera of Video4Linux, or a video, or a folder or pattern of images.')
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML.  [default: learnt from the first image that is solved]')
-@click.option('--fov-deg', type=float, help='Horizontal field of view to 5 %, to learn the lens '
+@click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view to 5 %, to learn the lens '
               'sooner.')
 @click.option('--exposure-ms', type=float, default=0.0, help='Exposure time.  '
               '[default: as the camera has it]')
@@ -140,7 +141,7 @@ def live(camera_file: Path | None, fov_deg: float | None, record: bool, host: st
 
 
 @click.command()
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML to look at, too.')
 @click.option('--listen', 'listen_s', type=click.FloatRange(0.5, 600), metavar='SECONDS',
               help='Listen to image_raw and camera_info for so long.')

@@ -17,9 +17,10 @@ import sys
 from typing import Any
 
 import click
+from startracker_ros.core.ctrl_c import INTERRUPTED
 from startracker_ros.core.extras import MissingLibraryError, with_ros
 
-FAILED, INTERRUPTED, BROKEN_PIPE = 1, 130, 141
+FAILED, BROKEN_PIPE = 1, 141
 
 
 class FailedError(click.ClickException):

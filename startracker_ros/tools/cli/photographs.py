@@ -4,14 +4,17 @@
 """Commands that take image files: solve, calibrate, night."""
 
 from collections.abc import Callable
-from datetime import datetime
+import math
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
+from startracker_ros.core.astro.constants import MAX_SPEED_M_S
 from startracker_ros.core.identify.searched_fields import (
     HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
+from startracker_ros.io.output import check_output
+from startracker_ros.tools.cli.inputs import FOV_DEG, InputPath, require_some
 from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
@@ -28,20 +31,9 @@ class _Epoch(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> float:
-        if isinstance(value, float):
-            return value
-        from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
-        from startracker_ros.tools.photographs.epoch_and_site import checked_year
+        from startracker_ros.core.astro.epoch import julian_year
         try:
-            try:
-                year = float(value)
-            except ValueError:
-                time = datetime.fromisoformat(value)
-                year = epoch_year_from_stamp(stamp_from_datetime(time))
-        except ValueError:
-            self.fail(f'{value!r} is neither a year nor a time like 2026-11-23T01:30:00')
-        try:
-            return checked_year(year)
+            return julian_year(value)
         except ValueError as error:
             self.fail(str(error))
 
@@ -91,27 +83,29 @@ def _observer_options(epoch_default: str, *, flying: bool = True
     return add
 
 
+def _check_observer(site: tuple[float, float, float] | None,
+                    velocity_km_s: tuple[float, float, float] | None = None, **_: float) -> None:
+    """Raise UsageError for options that are wrong, or do not go together."""
+    if site is not None and velocity_km_s is not None:
+        raise click.UsageError('give either --site or --velocity')
+    if site is not None and not (
+            abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
+        raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
+    if velocity_km_s is not None and not 1e3 * math.hypot(*velocity_km_s) <= MAX_SPEED_M_S:
+        raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
+                               'about the Earth')
+
+
 def _observer_site(site: tuple[float, float, float] | None, pressure_hpa: float | None,
                    temperature_c: float,
                    velocity_km_s: tuple[float, float, float] | None = None) -> 'ObserverSite':
-    """Return where the camera was; UsageError for options that do not go together."""
+    """Return where the camera was."""
     import numpy as np
     from startracker_ros.core.astro.ground_site import Site
-    from startracker_ros.core.astro.observer_motion import MAX_SPEED_M_S
     from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
-    if site is not None and velocity_km_s is not None:
-        raise click.UsageError('give either --site or --velocity')
-    if site is not None:
-        if not (abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
-            raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
-        return ObserverSite(site=Site(*site, pressure_hpa, temperature_c))
-    if velocity_km_s is None:
-        return ObserverSite()
-    velocity_m_s = 1e3 * np.array(velocity_km_s)
-    if not np.linalg.norm(velocity_m_s) <= MAX_SPEED_M_S:
-        raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
-                               'about the Earth')
-    return ObserverSite(velocity_m_s=velocity_m_s)
+    return ObserverSite(
+        None if site is None else Site(*site, pressure_hpa, temperature_c),
+        None if velocity_km_s is None else 1e3 * np.array(velocity_km_s))
 
 
 def _image_files(images: tuple[Path, ...]) -> list[Path]:
@@ -133,16 +127,16 @@ Examples:
 
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge; one that '
+@click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view, edge to edge; one that '
               'does not fit is dropped.  [default: EXIF, then a search from '
               f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg, then of fisheyes]')
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
-@click.option('--catalogue', type=click.Path(path_type=Path),
+@click.option('--catalogue', type=InputPath(file_okay=False),
               help='Folder that `startracker catalogue` has written: images of '
               f'{TILED_LOWEST_DEG:g} to {TILED_HIGHEST_DEG:g} deg are searched there first.')
 @click.option('--near', 'near_deg', type=float, nargs=2, metavar='RA DEC',
@@ -171,13 +165,6 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 
     IMAGES are files, folders of them, or patterns. Each frame of a video is an image.
     """
-    from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.core.catalog.tiles import CatalogueError
-    from startracker_ros.core.identify.identification import IdentificationOptions
-    from startracker_ros.io.images.images import ImageError
-    from startracker_ros.tools.photographs.outputs import Outputs
-    from startracker_ros.tools.photographs.solve import (
-        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
     if catalogue is not None and camera_file is not None:
@@ -187,6 +174,15 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
         raise click.UsageError('--near is for narrow fields: give --catalogue as well')
     if near_deg is not None and not (abs(near_deg[0]) <= 360 and abs(near_deg[1]) <= 90):
         raise click.UsageError(f'--near {near_deg}: no right ascension and declination in deg')
+    _check_observer(**observer_site)
+    require_some(images)
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.core.catalog.tiles import CatalogueError
+    from startracker_ros.core.identify.identification import IdentificationOptions
+    from startracker_ros.io.images.images import ImageError
+    from startracker_ros.tools.photographs.outputs import Outputs
+    from startracker_ros.tools.photographs.solve import (
+        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     paths = _image_files(images)
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
@@ -230,7 +226,7 @@ Examples:
 
 
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_CATALOGUE_EXAMPLES)
-@click.argument('files', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument('files', nargs=-1, required=True, type=InputPath())
 @click.option('-o', '--output', required=True, type=click.Path(path_type=Path),
               help='Folder to write; a catalogue that is there is replaced.')
 @click.option('--column', 'columns', type=_Column(), multiple=True, metavar='ROLE=NAME',
@@ -269,9 +265,9 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
               help='Camera YAML to write, as camera_calibration writes it.')
-@click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %; a fisheye '
+@click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view, within 5 %; a fisheye '
               'needs none.')
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML, or FITS header with SIP, to start from instead of --fov-deg.')
 @_observer_options('today, without aberration')
 @click.option('--distortion-model', type=click.Choice(['plumb_bob', 'equidistant']),
@@ -289,30 +285,31 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
 
     IMAGES are files, folders of them, or patterns.
     """
-    from startracker_ros.core.calibration.adjustment import CalibrationError
-    from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.io.output import check_output
-    from startracker_ros.tools.photographs.calibrate import calibrate_files
-    from startracker_ros.tools.photographs.epoch_and_site import epoch_of
     unknown = fov_deg is None and camera_file is None
     if (unknown and distortion_model != 'equidistant'
             or fov_deg is not None and camera_file is not None):
         raise click.UsageError('give either --fov-deg or --camera')
-    where = _observer_site(**observer_site)
-    if epoch_year is None and where.known:
+    if epoch_year is None and (observer_site['site'] or observer_site['velocity_km_s']):
         raise click.UsageError('--site and --velocity need --epoch')
+    _check_observer(**observer_site)
+    require_some(images)
+    from startracker_ros.core.calibration.adjustment import CalibrationError
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.tools.photographs.calibrate import calibrate_files
+    from startracker_ros.tools.photographs.epoch_and_site import epoch_of
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         check_output(output)
         result = calibrate_files(_image_files(images), output, fov_deg=fov_deg,
                                  camera_file=camera_file, epoch_year=epoch_year,
-                                 observer=where.observer(epoch_of(epoch_year)), terms=terms,
+                                 observer=_observer_site(**observer_site).observer(
+                                     epoch_of(epoch_year)), terms=terms,
                                  distortion_model=distortion_model)
     print_result(result, as_json)
 
 
 @click.command()
-@click.argument('source', type=click.Path(path_type=Path, exists=True), metavar='BAG|FOLDER|VIDEO')
-@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+@click.argument('source', type=InputPath(), metavar='BAG|FOLDER|VIDEO')
+@click.option('--camera', 'camera_file', type=InputPath(),
               help='Camera YAML, or FITS header with SIP.  [default: camera_info of the bag]')
 @click.option('--tracking', is_flag=True, help='The mount turns at a constant unknown rate about '
               'a constant axis; without it the camera stands still on the Earth.')
@@ -320,7 +317,7 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
 @click.option('--interval-s', type=click.FloatRange(1e-3, 3600), default=None,
               help='Time between two images of a folder or a video.  [default: by their own '
               'times]')
-@click.option('--datasheet', type=click.Path(path_type=Path, exists=True, dir_okay=False),
+@click.option('--datasheet', type=InputPath(dir_okay=False),
               help='What `startracker datasheet --json` printed of the camera, for the column '
               'simulated.')
 @namespace_option
@@ -334,22 +331,24 @@ def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: fl
     The Earth turns the sky by a known law: no turntable is needed. Images of a folder are in order
     of their names.
     """
-    from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.io.bags.errors import BagError
-    from startracker_ros.io.images.camera_files import load_camera
-    from startracker_ros.io.images.images import ImageError
-    from startracker_ros.tools.night.night import night as measure
-    from startracker_ros.tools.night.sources import is_bag, NightError
+    from startracker_ros.io.bags.folder import is_bag
     bag = is_bag(source)
     if camera_file is None and not bag:
         raise click.UsageError('images need --camera: startracker calibrate makes it of them')
     if bag and (epoch_year is not None or interval_s is not None):
         raise click.UsageError('a bag has its stamps: no --epoch and no --interval-s')
-    site = _observer_site(**observer_site).site
+    _check_observer(**observer_site)
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.io.bags.errors import BagError
+    from startracker_ros.io.images.camera_files import load_camera
+    from startracker_ros.io.images.images import ImageError
+    from startracker_ros.tools.night.night import night as measure
+    from startracker_ros.tools.night.sources import NightError
     with usage_error_on(CameraError):
         camera = None if camera_file is None else load_camera(camera_file)
     with exit_1_on(NightError, BagError, ImageError):
-        result = measure(source, camera, site=site, start_year=epoch_year,
+        result = measure(source, camera, site=_observer_site(**observer_site).site,
+                         start_year=epoch_year,
                          interval_s=interval_s, tracking=tracking, namespace=namespace,
                          datasheet=datasheet)
     print_result(result, as_json)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 import os
 from pathlib import Path
+import signal
 import sys
 from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 
@@ -77,6 +78,8 @@ def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
     if find_spec('rclpy') is None:
         raise ModuleNotFoundError(name='rclpy')
     command = node_command(node, arguments)
+    # What comes while the node is imported waits for its handlers (ros/shutdown.py).
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.execve(command[0], command, node_environment())
 
 

@@ -6,6 +6,7 @@
 from pathlib import Path
 
 import click
+from startracker_ros.tools.cli.inputs import InputPath
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, FailedError
 from startracker_ros.tools.cli.shared import finish, json_option
 
@@ -19,7 +20,7 @@ def telemetry() -> None:
 
 
 @telemetry.command('decode')
-@click.argument('capture', type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument('capture', type=InputPath(dir_okay=False))
 @click.option('--format', 'packet_format', type=click.Choice(['ccsds', 'nos3']), default='ccsds',
               show_default=True, help='Kind of the packets.')
 @_apid_option

@@ -12,7 +12,7 @@ import sys
 
 from startracker_ros.core.extras import check_numba, MissingLibraryError, OLDEST_NUMBA
 from startracker_ros.core.folders import (
-    cache_folder, can_write, MAX_DATABASE_BYTES, stored_databases)
+    CACHE_VARIABLE, cache_folder, cached_files, can_write, most_cache_bytes)
 from startracker_ros.core.machine_code import (
     machine_code_folder, missing_modules, registered_modules)
 from startracker_ros.ros.executables import EXECUTABLES
@@ -121,7 +121,7 @@ def check_catalog() -> Check:
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
     yield check_compiled(machine_code_folder(), len(missing_modules()), len(registered_modules()))
-    yield check_databases(cache_folder())
+    yield check_cache(cache_folder())
     yield check_room(Path.cwd())
 
 
@@ -140,15 +140,16 @@ def check_compiled(folder: str, missing: int, count: int) -> Check:
     return Check('compiled code', f'all {count} modules that compile')
 
 
-def check_databases(folder: Path) -> Check:
-    """Return whether pattern databases can be kept in the folder."""
+def check_cache(folder: Path) -> Check:
+    """Return whether databases and compiled code can be kept in the folder."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not can_write(existing):
         return Check('database cache', f'{folder} cannot be written', False,
                      'make it writable, or set XDG_CACHE_HOME')
-    sizes = [size for _, size in stored_databases(folder)]
-    return Check('database cache', f'{len(sizes)} pattern databases, {sum(sizes) / 1e6:.1f} of '
-                                   f'at most {MAX_DATABASE_BYTES / 1e6:.0f} MB, in {folder}')
+    sizes = [size for _, size in cached_files(folder)]
+    return Check('database cache', f'{len(sizes)} files, {sum(sizes) / 1e6:.1f} of at most '
+                                   f'{most_cache_bytes() / 1e6:g} MB ({CACHE_VARIABLE}), in '
+                                   f'{folder}')
 
 
 def check_room(folder: Path) -> Check:

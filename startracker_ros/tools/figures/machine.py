@@ -13,6 +13,7 @@ import sys
 
 import numpy as np
 import psutil
+from startracker_ros.core.extras import install_hint
 
 PACKAGE = 'startracker_ros'
 
@@ -68,7 +69,7 @@ def installed_version(package: str) -> str:
 
 def peer_versions(*packages: str) -> dict[str, str]:
     """Return the version of each peer, or how to install it."""
-    return {package: installed_version(package) or f'absent: pip install {PACKAGE}[bench]'
+    return {package: installed_version(package) or f'absent: {install_hint("bench")}'
             for package in packages}
 
 

@@ -11,6 +11,8 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 import shutil
+import signal
+from threading import Event
 import time
 from typing import Any, NamedTuple
 
@@ -29,6 +31,7 @@ from startracker_ros.core.attitude.pointing import pointing_sigma
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.constellations import constellation_at
 from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.ctrl_c import noted_ctrl_c
 from startracker_ros.core.exposure.control import Setting
 from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.folders import replaced
@@ -256,15 +259,18 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
             camera_file = output / 'camera.yaml'
             error_px = _learn_lens(view, capture, fov_deg, camera_file)
         camera = load_camera(camera_file)
-        with LiveRig(logs, camera) as rig:
+        # Not by an exception: it would come in the midst of anything.
+        with noted_ctrl_c() as stopped, LiveRig(logs, camera) as rig:
             if record:
                 rig.processes.start('bag_recorder', {'folder': str(bag)})
             rig.processes.start('composed_pipeline', _pipeline_parameters(error_px))
             with suppress(KeyboardInterrupt):
                 _watch(rig, view, begin_s + seconds, {
-                    **asdict(capture), 'camera_file': str(camera_file)})
+                    **asdict(capture), 'camera_file': str(camera_file)}, stopped)
             codes = rig.stop()
-            if bad := [f'{name} (status {code})' for name, code in codes.items() if code]:
+            # One that was ended while it was still imported has no handler yet.
+            if bad := [f'{name} (status {code})' for name, code in codes.items()
+                       if code not in (0, -signal.SIGTERM)]:
                 raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {logs}')
             return Result('live', [rig.figures()], {
                 'device': capture.device, 'camera_file': str(camera_file),
@@ -307,11 +313,11 @@ def _learn_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
     return lens.error_px
 
 
-def _watch(rig: LiveRig, view: LiveView, end_s: float, source: dict[str, object]
-           ) -> None:
-    """Show until the time or the files end; HarnessError when a process does."""
+def _watch(rig: LiveRig, view: LiveView, end_s: float, source: dict[str, object],
+           stopped: Event) -> None:
+    """Show until stopped, or until time or files end; HarnessError when a process does."""
     started = False
-    while time.monotonic() < end_s:
+    while time.monotonic() < end_s and not stopped.is_set():
         rig.probe.spin_once(0.1)
         # Every stage subscribes to camera_info once it has loaded its code.
         if not started and rig.probe.count_subscribers('camera_info') >= len(STAGES):

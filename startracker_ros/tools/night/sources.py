@@ -12,7 +12,7 @@ from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.folder import is_bag_folder
+from startracker_ros.io.bags.folder import is_bag
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)
 from startracker_ros.io.bags.patterns import matches
@@ -36,13 +36,6 @@ class TimedImage(NamedTuple):
 
 class NightError(ValueError):
     """Images that are no night; the text says what is missing."""
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag and no images."""
-    if path.is_dir():
-        return is_bag_folder(path)
-    return path.suffix in ('.mcap', '.db3', '.zstd')
 
 
 def timed_images(source: Path, start_year: float | None, interval_s: float | None,

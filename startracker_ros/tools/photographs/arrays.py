@@ -11,29 +11,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.astro.epoch import (
-    epoch_year_from_stamp, epoch_year_now, stamp_from_datetime)
+from startracker_ros.core.astro.epoch import epoch_year_now, julian_year
 from startracker_ros.core.calibration.estimate import Calibration
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, check_image, Extraction, ExtractionOptions)
+    CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.options import options_by_class
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.dark import Dark, read_dark
-from startracker_ros.io.images.images import camera_of, Photograph, read_photograph
+from startracker_ros.io.images.images import (
+    camera_of, Photograph, photograph_of, read_photograph)
 from startracker_ros.tools.photographs.calibrate import calibrate_lists, MAX_STARS
-from startracker_ros.tools.photographs.epoch_and_site import checked_year, epoch_of, ObserverSite
+from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.solve import (
     CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, Solvers, UNCALIBRATED_PERCENT)
 
 Image = np.ndarray | str | Path
-"""An array (H, W) uint8 or uint16, or the path of a file."""
+"""An array (H, W) or (H, W, 3) of colours, of integers or floats, or the path of a file."""
 
 
 def solve(image: Image, fov_deg: float | None = None,
-          epoch: float | datetime | None = None, fov_error_percent: float | None = None, *,
+          epoch: float | datetime | str | None = None, fov_error_percent: float | None = None, *,
           camera: Camera | None = None, catalogue: str | Path | None = None,
           near_deg: tuple[float, float] | None = None, dark: Image | None = None,
           **options: Any) -> Solution:
@@ -45,7 +45,8 @@ def solve(image: Image, fov_deg: float | None = None,
     by default 5, of a calibrated camera 0.5. catalogue is a folder of `startracker catalogue`, for
     narrow fields; near_deg right ascension and declination of the image within 5 deg. dark is a
     dark frame of the same size, or a .txt or .csv file of bad pixels.
-    epoch is the Julian year or the time, UTC where it names no zone: without it that of the file,
+    epoch is the Julian year or the time, as 2019-07-29T20:47, UTC where it names no zone: without
+    it that of the file,
     else today without aberration. Where a FITS file does not say the order of its rows and the
     image is mirrored, the result is that of the other order (turned_over). options are those of
     star_identifier (IdentificationOptions).
@@ -89,7 +90,7 @@ def extract(image: Image, **options: Any) -> Extraction:
 
 
 def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
-              camera: Camera | None = None, epoch: float | datetime | None = None,
+              camera: Camera | None = None, epoch: float | datetime | str | None = None,
               terms: Sequence[str] = (), distortion_model: str = PLUMB_BOB) -> Calibration:
     """
     Return the calibration of the camera of images, `frames` the indices of those that are used.
@@ -119,8 +120,7 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
 def _photograph(image: Image) -> Photograph:
     if isinstance(image, (str, Path)):
         return read_photograph(image)
-    check_image(image)
-    return Photograph(image)
+    return photograph_of(image)
 
 
 def _name(image: Image, index: int | None = None) -> str:
@@ -129,7 +129,5 @@ def _name(image: Image, index: int | None = None) -> str:
     return 'image' if index is None else f'image {index}'
 
 
-def _year(epoch: float | datetime | None) -> float | None:
-    if isinstance(epoch, datetime):
-        epoch = epoch_year_from_stamp(stamp_from_datetime(epoch))
-    return None if epoch is None else checked_year(float(epoch))
+def _year(epoch: float | datetime | str | None) -> float | None:
+    return None if epoch is None else julian_year(epoch)

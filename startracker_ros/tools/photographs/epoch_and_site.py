@@ -16,7 +16,6 @@ from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.io.images.exif import Taken
 
 OPTION, TODAY = 'option', 'today'
-EPOCHS = 1800.0, 2200.0
 UTC_ASSUMED = ', UTC assumed'
 
 
@@ -45,14 +44,6 @@ def epoch_of(epoch_year: float | None, taken: Taken | None = None) -> Epoch:
         return Epoch(year, taken.source + ('' if taken.zone_known else UTC_ASSUMED),
                         taken.zone_known)
     return Epoch(epoch_year_now(), TODAY, False)
-
-
-def checked_year(year: float) -> float:
-    """Return a Julian year; ValueError outside of those to which the catalogue is propagated."""
-    if not EPOCHS[0] <= year <= EPOCHS[1]:
-        raise ValueError(f'epoch {year:.10g} is no Julian year from {EPOCHS[0]:g} to '
-                         f'{EPOCHS[1]:g}, as 2026.5 is')
-    return year
 
 
 @dataclass(frozen=True)

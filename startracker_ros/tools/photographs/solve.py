@@ -3,9 +3,10 @@
 
 """Attitude of image files: extraction, identification, pointing."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from itertools import chain, count, islice
 from pathlib import Path
 import sys
@@ -26,6 +27,7 @@ from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.tiled import Place
+from startracker_ros.core.machine_code_cache import load_imported
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
@@ -42,13 +44,15 @@ from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, Ob
 from startracker_ros.tools.photographs.outputs import Outputs
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'not_written')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'cpu_ms',
+           'written', 'not_written')
 """Columns that are too wide for the terminal."""
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
 UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
 # Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
 PHOTOGRAPH_LIMIT_S = 1.0
+_MOST_NAMED = 4
 NEAR_DEG = 5.0
 """How far an image may be from the position that is given for it."""
 
@@ -159,8 +163,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
+    written = list[Path]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
-        row = _row(shot, None, float('nan')) | {'status': 'unreadable', 'reason': shot.error}
+        row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
         rows.append(row)
         if shot.photograph is None:
             continue
@@ -183,10 +188,14 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
                            f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
+        files = list[Path]()
         row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
         for write in outputs.writers:
             with OneOfSeveral(partial(row.__setitem__, 'not_written')):
-                write(shot.output, photograph, solution, when.year)
+                if (file := write(shot.output, photograph, solution, when.year)) is not None:
+                    files.append(file)
+        row['written'] = [*map(str, files)]
+        written += files
     whens = whens or [epoch_of(epoch_year)]
     observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
@@ -195,9 +204,18 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         **fit, **({'mirror': True} if mirror else {}),
         **({'fov_deg': '; '.join(dropped)} if dropped else {}),
         **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
+        **({'written': _files_text(written)} if written else {}),
         'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
+
+
+def _files_text(files: Sequence[Path]) -> str:
+    """Return the names of some files, of many how many are in each folder."""
+    if len(files) <= _MOST_NAMED:
+        return ', '.join(map(str, files))
+    counts = Counter(file.parent for file in files)
+    return ', '.join(f'{count} files in {folder}' for folder, count in counts.items())
 
 
 def _different(texts: Iterable[str]) -> str:
@@ -226,9 +244,9 @@ class Solvers:
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies, near_deg: tuple[float, float] | None = None
-              ) -> tuple[Solution, float]:
+              ) -> tuple[Solution, np.ndarray]:
         """
-        Return the solution of an image and its time in ms; ImageError.
+        Return the solution of an image, and time and processor time in ms (2,); ImageError.
 
         A mirrored image is turned over where the order of its rows is not known, and clusters of
         hot pixels are removed where an image has no solution with them. near_deg is that of
@@ -251,7 +269,8 @@ class Solvers:
         return solution, time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
-               bodies: Bodies, place: Place | None) -> tuple[Solution, float]:
+               bodies: Bodies, place: Place | None) -> tuple[Solution, np.ndarray]:
+        _load_code()
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
@@ -259,7 +278,7 @@ class Solvers:
             nominal = None if fov_deg is None else given_camera(width, height, fov_deg)
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
-            start_s = time.perf_counter()
+            start_s = _clocks_s()
             solution = solver.solve(image, nominal, observer, bodies, place)
         else:
             camera = camera_of(path, image, self._calibrated, None)
@@ -267,10 +286,21 @@ class Solvers:
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
             identifier, onboard = self._calibrations(camera, year)
             sky = ApparentCatalog(onboard, observer)
-            start_s = time.perf_counter()
+            start_s = _clocks_s()
             # A new extractor, so that no image depends on those before.
             solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
-        return solution, 1e3 * (time.perf_counter() - start_s)
+        return solution, 1e3 * (_clocks_s() - start_s)
+
+
+@cache
+def _load_code() -> None:
+    """Load what is compiled, once, so that it counts in the time of no image."""
+    load_imported()
+
+
+def _clocks_s() -> np.ndarray:
+    """Return the time, and the processor time of this process."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
@@ -290,10 +320,11 @@ def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
                  console=Console(stderr=True), transient=True)
 
 
-def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
+def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[str, object]:
     numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
     row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
-           'matched': 0, 'solve_ms': solve_ms, 'reason': '', **dict.fromkeys(DETAILS),
+           'matched': 0, 'solve_ms': float(solve_ms[0]), 'reason': '',
+           **dict.fromkeys(DETAILS), 'cpu_ms': float(solve_ms[1]), 'written': [],
            'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
     if solution is None:
         return row

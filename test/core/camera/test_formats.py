@@ -15,6 +15,7 @@ import lz4.block
 import numpy as np
 import pytest
 from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.core.extras import install_hint
 from startracker_ros.io.images.images import image_paths, ImageError, read_image, read_photograph
 from startracker_ros.io.images.video import frames, is_video
 import zstandard
@@ -293,7 +294,7 @@ def test_the_extra_is_named(tmp_path, monkeypatch, name, content, library, extra
     with pytest.raises(ImageError) as raised:
         read_image(tmp_path / name)
     assert str(raised.value).startswith(f'{tmp_path / name}: ')
-    assert f"needs {library}: pip install 'startracker_ros[{extra}]'" in str(raised.value)
+    assert f'needs {library}: {install_hint(extra)}' in str(raised.value)
 
 
 def dng(mosaic):

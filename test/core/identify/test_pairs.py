@@ -81,11 +81,11 @@ def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
     first, second = added(0.19, 100), added(0.18, 200)
     # Of a process that was killed while it wrote.
     left = cache_folder() / 'pairs-abc.part'
-    left.write_bytes(bytes(1000))
+    left.write_bytes(bytes(first.stat().st_size))
     os.utime(left, (50, 50))
     cached_pairs(onboard, NEAR, 0.19)
     sizes = first.stat().st_size + second.stat().st_size
-    monkeypatch.setattr('startracker_ros.core.stored_arrays.MAX_DATABASE_BYTES', sizes)
+    monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (sizes - 1) / 0.9))
     cached_pairs(onboard, NEAR, 0.17)
     assert first.exists() and not second.exists() and not left.exists()
     assert len(list(cache_folder().iterdir())) == 2
@@ -109,12 +109,12 @@ def test_the_cache_is_keyed_by_what_it_was_built_from(onboard):
     assert len(list(cache_folder().iterdir())) == 3
 
 
-def test_a_database_of_other_sources_is_left_alone(onboard, monkeypatch):
+def test_a_database_of_another_format_is_left_alone(onboard, monkeypatch):
     built = cached_pairs(onboard, NEAR, FAR)
     old, = cache_folder().iterdir()
-    # Whatever other sources have put there under their own key.
+    # Whatever another version has put there under its own key.
     replace_file(old, b'another layout')
-    monkeypatch.setattr(stored_arrays, 'digest_of_sources', lambda file: f'others than {file}')
+    monkeypatch.setattr(stored_arrays, 'FORMAT', stored_arrays.FORMAT + 1)
     assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert old.read_bytes() == b'another layout' and len(list(cache_folder().iterdir())) == 2
 

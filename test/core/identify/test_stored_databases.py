@@ -6,18 +6,28 @@
 from dataclasses import replace
 import errno
 import gc
+import hashlib
+import os
 from pathlib import Path
+import subprocess
+import sys
 import weakref
 
+from limits import HANGS_S
 import numpy as np
 import pytest
 from skies import SMALL_CAMERA as CAMERA
-from startracker_ros.core import stored_arrays
+from startracker_ros.core import folders, stored_arrays
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import load_deep_catalog
+from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.folders import cache_folder
+from startracker_ros.core.identify.cache import cached_brightest, cached_pairs
 from startracker_ros.core.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
+from startracker_ros.core.identify.sky_quads import sky_quads
+from startracker_ros.core.identify.sky_triangles import sky_triangles
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.tracking import make_track_filter
@@ -26,6 +36,9 @@ from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.photographs import solve
 
 BRIGHT = IdentificationOptions(magnitude_limit=5.0)
+RECORDED = {
+    1: '9138a28f44de102d6051a243bdbb18a1d4421b9745898394621756af86695683'}
+"""Digest of what is built, by the FORMAT that it has."""
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 
 
@@ -108,6 +121,96 @@ def test_without_space_arrays_are_in_memory(own_cache, monkeypatch, caplog):
     np.testing.assert_array_equal(stored.arrays['numbers'], np.arange(1000))
     assert 'No space left on device' in caplog.text
     prepare(stored)
+
+
+def test_other_content_has_another_format(own_cache):
+    """
+    A file of before would be read as what the code of now builds.
+
+    Where this fails, what is built or stored has changed: raise FORMAT of stored_arrays.py and
+    add its digest to RECORDED. Where neither was meant to change, something is wrong.
+    """
+    catalog = load_catalog().brighter_than(4.5)
+    onboard = cached_brightest(catalog, CAMERA, 2015.0, 3.5, 30.0)
+    pairs = [cached_pairs(onboard, 0.01, 0.3, brightest=brightest) for brightest in (None, 100)]
+    quads = [sky_quads(catalog, 2015.0, 20.0, 40.0, 3.0, even=even) for even in (False, True)]
+    content = hashlib.sha256()
+    for stored in (onboard.stored, *(one.stored for one in (*pairs, *quads)),
+                   sky_triangles(onboard, 0.1).stored):
+        for name, array in stored.arrays.items():
+            # The last bits may differ between machines.
+            content.update(f'{name} {array.dtype} {array.shape}'.encode())
+            content.update((array if array.dtype.kind != 'f' else
+                            np.rint(array.astype(float) * 1e6).astype(int)).tobytes())
+    for column in vars(load_deep_catalog()).values():
+        content.update(column[::1000].tobytes() if isinstance(column, np.ndarray) else b'')
+    made('layout')
+    content.update(next(cache_folder().glob(
+        f'pairs-{stored_arrays.digest(stored_arrays.FORMAT, "layout")[:32]}.bin')).read_bytes())
+    assert {stored_arrays.FORMAT: content.hexdigest()}.items() <= RECORDED.items()
+
+
+def limit(monkeypatch, databases):
+    """Leave room for databases of so many bytes."""
+    monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (databases + 1) / 0.9))
+
+
+def test_the_cache_is_bounded_whatever_is_in_it(own_cache, monkeypatch):
+    folder = cache_folder()
+    (folder / folders.COMPILED_CODE).mkdir(parents=True)
+    # As of earlier versions, and of sources that have changed since.
+    names = ['triangles-1.bin', 'quads-2.bin', 'pairs-3-4.part', 'compiled_code/a.code',
+             'compiled_code/b.code.5', 'compiled_code/lock']
+    for age, name in enumerate(names):
+        (folder / name).write_bytes(bytes(100_000))
+        os.utime(folder / name, (1e9 - age, 1e9 - age))
+    size = made('new').mapped_bytes
+    assert len([*folder.rglob('*.*')]) == len(names)
+    limit(monkeypatch, size + 50_000)
+    made('newer')
+    left = {path.name for path in folder.rglob('*') if path.is_file()}
+    # A tenth is that of code.
+    assert left & {Path(name).name for name in names} == {'lock'}
+    assert len(left) == 3
+
+
+def test_databases_leave_room_for_code(own_cache, monkeypatch):
+    folder = cache_folder() / folders.COMPILED_CODE
+    folder.mkdir(parents=True)
+    for age, name in enumerate(['new.code', 'old.code']):
+        (folder / name).write_bytes(bytes(1000))
+        os.utime(folder / name, (1e9 - age, 1e9 - age))
+    limit(monkeypatch, 9000)
+    for key in 'abcd':
+        made(key)
+    assert [path.name for path in folder.iterdir()] == ['new.code']
+    # Not mapped any more: the oldest one has gone.
+    assert len([*cache_folder().glob('*.bin')]) == 3
+
+
+SEARCH = """
+import numpy as np
+from startracker_ros.core.stored_arrays import stored_arrays
+stored = [stored_arrays('pairs', key, lambda: print(key, end='') or {'a': np.zeros(size)})
+          for key, size in zip('abcdef', (3000, 1000, 2000, 1000, 2500, 1000))]
+"""
+
+
+def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
+    limit(monkeypatch, 8.1 * 8000)
+    built = [subprocess.run([sys.executable, '-c', SEARCH], capture_output=True, text=True,
+                            check=True, timeout=HANGS_S).stdout for _ in range(3)]
+    # One of the last that it needs is built anew.
+    assert built == ['abcdef', 'e', 'e']
+    assert 8 * 8000 < sum(file.stat().st_size for file in cache_folder().iterdir()) < 8.1 * 8000
+
+
+@pytest.mark.parametrize('text, megabytes', [('', 500), ('1000', 1000), ('0', 0), ('much', 500),
+                                             ('-1', 500)])
+def test_the_size_of_the_cache_is_that_of_the_environment(monkeypatch, caplog, text, megabytes):
+    monkeypatch.setenv(folders.CACHE_VARIABLE, text)
+    assert folders.most_cache_bytes() == 1e6 * megabytes
+    assert ('no size in MB' in caplog.text) == (text in ('much', '-1'))
 
 
 def test_prepared_arrays_are_bounded(own_cache, monkeypatch):

@@ -143,8 +143,8 @@ def test_caches(tmp_path):
     # An install that cannot be written, with the code that the build made.
     assert install.check_compiled('', 0, 50).holds
     (tmp_path / 'file').touch()
-    assert install.check_databases(tmp_path / 'made' / 'later').holds
-    assert not install.check_databases(tmp_path / 'file' / 'below').holds
+    assert install.check_cache(tmp_path / 'made' / 'later').holds
+    assert not install.check_cache(tmp_path / 'file' / 'below').holds
     assert 'GB free' in install.check_room(tmp_path).result
     assert not install.check_room(tmp_path / 'file').holds
 
