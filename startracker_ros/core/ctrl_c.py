@@ -4,11 +4,11 @@
 """
 Ctrl-C of a command: it ends at once, whatever it is doing.
 
-Python calls the handler of a signal between two of its instructions: not before a compiled function
-has returned, and then an exception in the midst of a library, which numba passes on as a
-SystemError. So a thread ends the process, which can run as long as no other one holds the lock of
-the interpreter: compiled functions release it (compiled.py). What has to be closed in order has
-its exception all the same.
+Python calls the handler of a signal between two of its instructions: not before a compiled
+function has returned. An exception of it comes in the midst of a library, as a SystemError of
+numba. So a thread ends the process. It can run while no other one holds the lock of the
+interpreter: compiled functions release it (compiled.py). What has to be closed in order has an
+exception all the same.
 """
 
 import atexit

@@ -56,9 +56,9 @@ def markdown_text() -> str:
         'An unknown name stops the node where it is meant for it: `-p NAME:=VALUE`,',
         '`-p NODE:NAME:=VALUE`, and in a file the key of the node. What is set for all nodes may',
         'be a parameter of another one and is a warning with the closest known name: a file under',
-        '`/**`, and `SetParameter` of a launch file that includes one of this package. In a launch',
-        'file of your own that starts these nodes by itself, `SetParameter` is `-p`: give what other',
-        'nodes need in a file under `/**`. Parameters of rclpy (`use_sim_time`,',
+        '`/**`, and `SetParameter` of a launch file that includes one of this package. In a',
+        'launch file of your own that starts these nodes by itself, `SetParameter` is `-p`: give',
+        'what other nodes need in a file under `/**`. Parameters of rclpy (`use_sim_time`,',
         '`start_type_description_service`, `qos_overrides.*`) are known to all nodes.']
     for node in NODES:
         lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',

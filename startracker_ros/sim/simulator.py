@@ -28,10 +28,10 @@ class SkySimulator(simulator.SkySimulator):
     def __init__(self, camera: Camera, epoch_year: float | datetime | str, *,
                  frame_rate_hz: float = 10.0, **options: Any) -> None:
         """
-        Take the camera, the epoch of time 0 as StarTracker does, and parameters of sky_simulator by name.
+        Take the camera, the epoch of time 0, and parameters of sky_simulator by name.
 
-        width and height are those of the camera. ValueError names what is wrong, and which names
-        there are.
+        The epoch is that of StarTracker; width and height are those of the camera. ValueError
+        names what is wrong, and which names there are.
         """
         chosen = options_by_class(SKY_OPTIONS, options)
 

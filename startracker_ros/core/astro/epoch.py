@@ -6,7 +6,7 @@
 from datetime import date, datetime, timedelta, UTC
 from numbers import Integral, Real
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from startracker_ros.core.astro.constants import DAYS_PER_YEAR, YEAR_S
 from startracker_ros.core.astro.earth import LAST_YEAR
@@ -132,21 +132,22 @@ def julian_year(epoch: float | datetime | str, name: str = 'epoch') -> float:
 
     ValueError for any other type, and for what is in another unit: it says which that may be.
     """
-    if isinstance(epoch, str):
+    value: Any = epoch
+    if isinstance(value, str):
         try:
-            epoch = float(epoch)
+            value = float(value)
         except ValueError:
             try:
-                epoch = datetime.fromisoformat(epoch)
+                value = datetime.fromisoformat(value)
             except ValueError:
                 raise ValueError(f'{name} = {epoch!r} is neither a year nor a time like '
                                  '2026-11-23T01:30:00') from None
-    if isinstance(epoch, datetime):
-        epoch = epoch_year_from_stamp(stamp_from_datetime(epoch))
-    if not isinstance(epoch, Real) or isinstance(epoch, bool):
-        raise ValueError(f'{name} = {epoch!r} is of type {type(epoch).__name__}, must be a Julian '
+    if isinstance(value, datetime):
+        value = epoch_year_from_stamp(stamp_from_datetime(value))
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f'{name} = {value!r} is of type {type(value).__name__}, must be a Julian '
                          'year as 2026.5, a datetime or a text as 2026-11-23')
-    year = float(epoch)
+    year = float(value)
     if not EPOCHS[0] <= year <= EPOCHS[1]:
         raise ValueError(f'{name} = {year:.10g} is no Julian year from {EPOCHS[0]:g} to '
                          f'{EPOCHS[1]:g}, as 2026.5 is{_other_unit(year)}')
@@ -174,10 +175,11 @@ def checked_stamp(stamp_ns: int, epoch_year: float | None = None) -> int:
 
     Where the epoch is given, also for UNIX time in s: in ns it is in January 1970.
     """
-    if not isinstance(stamp_ns, Integral) or isinstance(stamp_ns, bool):
-        raise ValueError(f'stamp_ns = {stamp_ns!r} is of type {type(stamp_ns).__name__}, must be '
+    value: Any = stamp_ns
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise ValueError(f'stamp_ns = {value!r} is of type {type(value).__name__}, must be '
                          'UNIX time in ns as an int: round(seconds * 1e9)')
-    stamp_ns = int(stamp_ns)
+    stamp_ns = int(value)
     if epoch_year is not None and abs(
             epoch_year_from_stamp(stamp_ns * _UNIX_UNITS['s']) - epoch_year) < 1:
         raise ValueError(f'stamp_ns = {stamp_ns} is {utc(stamp_ns)}: in s it is of the epoch, but '

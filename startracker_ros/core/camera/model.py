@@ -6,7 +6,7 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from startracker_ros.core.camera.distortion import (
@@ -23,11 +23,11 @@ class CameraError(ValueError):
     """Parameters that no real camera has; the text names them."""
 
 
-def _whole(name: str, value: float) -> int:
+def _whole(name: str, value: Any) -> int:
     """Return a number of pixels as an int, 512.0 too; CameraError for what is no whole number."""
-    if not isinstance(value, Real) or value != value // 1:
+    if not isinstance(value, Real) or float(value) != float(value) // 1:
         raise CameraError(f'{name} = {value!r} must be a whole number of px')
-    return int(value)
+    return int(float(value))
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,9 @@ class Camera:
     """
     A camera; pixel (0, 0) is the centre of the top-left pixel.
 
-    width, height, fx, fy, cx, cy are in px, the first two whole numbers, of any type; distortion are the coefficients of distortion_model in the order
-    of sensor_msgs/CameraInfo (distortion.py). CameraError for impossible parameters.
+    fx, fy, cx, cy are in px; width and height are whole numbers of any type, kept as int.
+    distortion are the coefficients of distortion_model in the order of sensor_msgs/CameraInfo
+    (distortion.py). CameraError for impossible parameters.
     """
 
     width: int

@@ -14,7 +14,7 @@ import zlib
 import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
-from startracker_ros.core.camera.levels import levels_of, sixteen_bit
+from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
 from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
@@ -180,7 +180,8 @@ def photograph_of(image: np.ndarray) -> Photograph:
                          f'{MOST_PIXELS // 1_000_000} million px are solved')
     if not image.size:
         raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px is empty')
-    return Photograph(sixteen_bit(grey(np.ascontiguousarray(image))))
+    levels = levels_of(grey(np.ascontiguousarray(image)))
+    return Photograph(levels.image, step=levels.step)
 
 
 def grey(image: np.ndarray) -> np.ndarray:

@@ -46,10 +46,9 @@ def solve(image: Image, fov_deg: float | None = None,
     narrow fields; near_deg right ascension and declination of the image within 5 deg. dark is a
     dark frame of the same size, or a .txt or .csv file of bad pixels.
     epoch is the Julian year or the time, as 2019-07-29T20:47, UTC where it names no zone: without
-    it that of the file,
-    else today without aberration. Where a FITS file does not say the order of its rows and the
-    image is mirrored, the result is that of the other order (turned_over). options are those of
-    star_identifier (IdentificationOptions).
+    it that of the file, else today without aberration. Where a FITS file does not say the order of
+    its rows and the image is mirrored, the result is that of the other order (turned_over).
+    options are those of star_identifier (IdentificationOptions).
     ValueError for wrong options, images and cameras; an image without an attitude has a reason.
     """
     if fov_deg is not None and camera is not None:

@@ -322,7 +322,8 @@ def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
 
 def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[str, object]:
     numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
-    row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
+    row: dict[str, object] = {
+           'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
            'matched': 0, 'solve_ms': float(solve_ms[0]), 'reason': '',
            **dict.fromkeys(DETAILS), 'cpu_ms': float(solve_ms[1]), 'written': [],
            'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
