@@ -121,7 +121,7 @@ class AwaitedSubscribers:
                    options.wait_for_camera_users if publisher.msg_type is CameraInfo else 0)
 
     def _needed_users(self, publisher: Publisher) -> int:
-        """Return how many users of a camera_info are awaited: the stages that subscribe at least."""
+        """Return how many users of a camera_info are awaited, at least the stages there."""
         subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name) if (
             self._options.wait_for_subscribers) else ()
         return max(self._options.wait_for_camera_users,
