@@ -29,6 +29,7 @@ from startracker_ros.ros.node import hardware_id_of, PipelineNode
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 _LAST_MESSAGES_S = 10.0
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 _CAMERA_PERIOD_S = 1.0
 _DIAGNOSTICS_DEPTH = 100
 
@@ -121,11 +122,15 @@ class AwaitedSubscribers:
                    options.wait_for_camera_users if publisher.msg_type is CameraInfo else 0)
 
     def _needed_users(self, publisher: Publisher) -> int:
-        """Return how many users of a camera_info are awaited: at least the subscribed stages."""
-        subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name) if (
-            self._options.wait_for_subscribers) else ()
-        return max(self._options.wait_for_camera_users,
-                   len({one.node_name for one in subscribers} & set(STAGES)))
+        """Return how many users of a camera_info are awaited, at least the stages there."""
+        stages = 0
+        if self._options.wait_for_subscribers:
+            # A subscriber is matched before the name of its node is known.
+            names = [one.node_name for one in self._node.get_subscriptions_info_by_topic(
+                publisher.topic_name)]
+            stages = sum(name in (*STAGES, _UNKNOWN_NODE) for name in names) + max(
+                0, publisher.get_subscription_count() - len(names))
+        return max(self._options.wait_for_camera_users, stages)
 
     def _users_of(self, publisher: Publisher, camera: str) -> int:
         """Return how many nodes in the namespace of a camera_info are set up for its camera."""

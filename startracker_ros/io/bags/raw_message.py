@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Schema
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class RawMessage(NamedTuple):
@@ -26,9 +27,9 @@ def absolute(topic: str) -> str:
     return topic if topic.startswith('/') else f'/{topic}'
 
 
-def by_channel(times: Iterable[tuple[int, Iterable[int]]]) -> dict[int, np.ndarray]:
+def by_channel(times: Iterable[tuple[int, ArrayLike]]) -> dict[int, np.ndarray]:
     """Return log times (N,) by channel of pieces of them."""
     found: dict[int, array] = {}
     for number, piece in times:
-        found.setdefault(number, array('Q')).extend(piece)
+        found.setdefault(number, array('Q')).frombytes(np.asarray(piece, np.uint64).tobytes())
     return {number: np.asarray(column) for number, column in found.items()}
