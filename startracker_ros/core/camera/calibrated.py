@@ -47,6 +47,10 @@ def calibrated_camera(width: int, height: int, model: str, d: Sequence[float],
     if any((k[1], k[3], k[6], k[7])):
         raise CameraError(f'K = {list(k)} is not fx 0 cx, 0 fy cy, 0 0 1 by rows')
     check_pixels(camera)
+    ratio = max(camera.fx / camera.fy, camera.fy / camera.fx)
+    if ratio > MOST_PIXEL_RATIO:
+        raise CameraError(f'focal length ({camera.fx:g}, {camera.fy:g}) px: pixels of {ratio:.2g} '
+                          f': 1, at most {MOST_PIXEL_RATIO:g} : 1 is possible')
     if camera.cx == camera.cy == 0 or not (-width <= camera.cx <= 2 * width
                                            and -height <= camera.cy <= 2 * height):
         raise CameraError(f'principal point ({camera.cx:g}, {camera.cy:g}) px is not set, or far '
@@ -67,16 +71,12 @@ def _coefficients(model: str, d: Sequence[float]) -> tuple[float, ...]:
 
 def check_pixels(camera: Camera) -> None:
     """Raise CameraError for pixels in which no star can be told from its neighbours."""
-    pixel_deg = np.degrees(1 / min(camera.fx, camera.fy))
+    pixel_deg = np.degrees(camera.pixel_rad)
     if pixel_deg > LARGEST_PIXEL_DEG:
         raise CameraError(
             f'a pixel is {pixel_deg:.2g} deg wide, more than {LARGEST_PIXEL_DEG:g} resolve no '
             f'stars: focal length ({camera.fx:g}, {camera.fy:g}) px is to be that in mm / pixel '
             'size in mm')
-    ratio = max(camera.fx / camera.fy, camera.fy / camera.fx)
-    if ratio > MOST_PIXEL_RATIO:
-        raise CameraError(f'focal length ({camera.fx:g}, {camera.fy:g}) px: pixels of {ratio:.2g} '
-                          f': 1, at most {MOST_PIXEL_RATIO:g} : 1 is possible')
 
 
 def check_sensor(camera: Camera) -> None:

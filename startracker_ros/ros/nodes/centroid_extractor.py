@@ -24,6 +24,7 @@ from startracker_ros.ros.image_topic import (
     subscribe_images, TransportOptions, why_images_are_missing)
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import centroids_to_image_marker, image_to_message
 from startracker_ros.ros.node import main_of, publish_if_subscribed
 from std_msgs.msg import Header
@@ -85,9 +86,11 @@ class CentroidExtractorNode(CameraNode):
         if image.shape != (camera.height, camera.width):
             raise MessageError(
                 f'image of {image.shape[1]} x {image.shape[0]} px does not fit camera_info of '
-                f'{camera.width} x {camera.height} px')
+                f'{camera.width} x {camera.height} px, its roi and binning applied')
+        stamp_ns = ns_from_stamp(header.stamp)
+        header = make_header(stamp_ns, self.follow_frame(header.frame_id))
         extraction = self._stage.extract(
-            ns_from_stamp(header.stamp), image, self._predicted,
+            stamp_ns, image, self._predicted,
             lost=self.has_publisher('predicted_centroids'))
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.windowed))
