@@ -24,8 +24,8 @@ from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.io.bags import cdr
 from startracker_ros.ros import qos
 from startracker_ros.ros.body_output import BodyOutput
-from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.camera_node import CameraNode
+from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import AttitudeFrameOptions, ExtraFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,

@@ -11,10 +11,10 @@ from startracker_ros.ros.camera_node import CameraSetup
 
 
 def test_only_the_newest_camera_is_built_after_the_one_in_progress():
-    begun, go_on, built = Event(), Event(), []
+    started, go_on, built = Event(), Event(), []
 
     def build(number):
-        begun.set()
+        started.set()
         assert go_on.wait(HANGS_S)
         built.append(number)
         return number
@@ -24,7 +24,7 @@ def test_only_the_newest_camera_is_built_after_the_one_in_progress():
         for older in setups:
             older.superseded = True
         setups.append(CameraSetup(camera, 2026.5, lambda number=number: build(number)))
-        assert begun.wait(HANGS_S)
+        assert started.wait(HANGS_S)
     go_on.set()
     for setup in setups:
         setup._thread.join(HANGS_S)

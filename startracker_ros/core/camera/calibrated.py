@@ -70,7 +70,7 @@ def _coefficients(model: str, d: Sequence[float]) -> tuple[float, ...]:
 
 
 def check_pixels(camera: Camera) -> None:
-    """Raise CameraError for pixels in which no star can be told from its neighbours."""
+    """Raise CameraError for pixels in which no star is apart from its neighbours."""
     pixel_deg = np.degrees(camera.pixel_rad)
     if pixel_deg > LARGEST_PIXEL_DEG:
         raise CameraError(

@@ -192,8 +192,8 @@ class Camera:
         """
         Return the camera of an image with x by y pixels in one, as image_geometry does.
 
-        The principal point is divided: pixel (0, 0) keeps its place, as where pixels are left
-        out. The middle of x pixels that are added up is (x - 1) / (2 x) of a binned pixel farther.
+        The principal point is divided, which is exact where one pixel of x by y is kept. Where
+        all are added up it is (x - 1) / (2 x), (y - 1) / (2 y) px less.
         """
         return replace(self, width=self.width // x, height=self.height // y, fx=self.fx / x,
                        fy=self.fy / y, cx=self.cx / x, cy=self.cy / y)

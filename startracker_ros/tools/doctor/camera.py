@@ -119,7 +119,7 @@ def check_images(heard: Mapping, info: Mapping, camera: Camera | None) -> Iterat
         agrees = size == (camera.width, camera.height)
         yield Check('image_raw: size', f'{size[0]} x {size[1]} px', agrees,
                     '' if agrees else f'camera_info says {camera.width} x {camera.height}: '
-                    'let the driver set its binning and roi, or calibrate at the size that is used')
+                    'let the driver set its binning and roi, or calibrate at the size in use')
         if heard['frame_id'] != info['frame_id']:
             yield Check('image_raw: frame_id', f'{heard["frame_id"]!r}, camera_info '
                         f'{info["frame_id"]!r}', False, 'give both the same frame_id')

@@ -178,9 +178,9 @@ def test_a_camera_is_the_same_within_what_a_star_could_show(lens):
         other = replace(lens, fx=float(fx), fy=float(fy))
         assert lens.is_same(other) and other.is_same(lens) and other != lens
     # The same lens through numbers of single precision.
-    assert lens.is_same(replace(
-        lens, **{name: float(np.float32(getattr(lens, name))) for name in ('fx', 'fy', 'cx', 'cy')},
-        distortion=tuple(float(np.float32(term)) for term in lens.distortion)))
+    single = {name: float(np.float32(getattr(lens, name))) for name in ('fx', 'fy', 'cx', 'cy')}
+    assert lens.is_same(replace(lens, **single, distortion=tuple(
+        float(np.float32(term)) for term in lens.distortion)))
     for other in (replace(lens, fx=lens.fx * (1 + 1e-4)), replace(lens, cy=lens.cy + 0.01),
                   replace(lens, distortion=(lens.distortion[0] + 1e-3, *lens.distortion[1:])),
                   replace(lens, width=lens.width + 1)):
