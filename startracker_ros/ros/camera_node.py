@@ -249,11 +249,12 @@ class CameraNode(PipelineNode):
         """
         Subscribe to imu for add(stamp_ns, rate_rad_s), which returns False for an unusable rate.
 
-        Rates in another frame than sensor_frame_id are rejected once that is known.
+        Rates in another frame than sensor_frame_id are rejected once that is known; an empty
+        frame_id is SENSOR_FRAME_ID, as of images.
         """
         def on_imu(message: Imu) -> None:
             rate = rate_from_imu(message)
-            if self.sensor_frame_id not in ('', message.header.frame_id):
+            if self.sensor_frame_id not in ('', message.header.frame_id or SENSOR_FRAME_ID):
                 raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
                                    f'centroids, {self.sensor_frame_id!r}')
             if (self.in_order('imu', message.header.stamp)

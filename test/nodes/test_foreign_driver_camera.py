@@ -14,6 +14,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.io.bags.layouts import SENSOR_FRAME_ID
 from startracker_ros.ros import qos
+from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
 
@@ -81,3 +82,8 @@ def test_the_attitude_is_that_of_the_sensor_in_the_frame_of_the_images(nodes, pr
         driver.frame_id = frame_id
         probe.send_until(driver.publish, lambda used=used, words=words: probe.find_diagnostic(
             words) and transforms[-1].child_frame_id == used, words, period_s=0.2)
+    # A gyro without a frame_id is that of a camera without one.
+    probe.publish_until_received(
+        probe.advertise(Imu, 'imu', qos.IMU), gyro_to_imu(np.zeros(3), 1e-3, make_header(
+            START_NS + driver.index * FRAME_NS, '')))
+    assert not probe.find_diagnostic('is not that of the centroids')

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from startracker_ros.core.camera.lens import Lens
 
 LARGEST_SIDE_PX = 65536
+"""Of an image, and of the sensor that it may be a part of."""
 
 SAME_PX = 1e-3
 """Cameras in whose images no star is farther apart are the same: a third of the error of a

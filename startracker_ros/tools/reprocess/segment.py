@@ -108,7 +108,7 @@ class SegmentRun:
         rates = cdr.read_rates(message.data)
         if rates.covariance[0] == -1:
             raise MessageError('angular_velocity_covariance[0] is -1: no angular velocity')
-        if self._frame_id not in ('', rates.header.frame_id):
+        if self._frame_id not in ('', rates.header.frame_id or SENSOR_FRAME_ID):
             raise MessageError(f'frame {rates.header.frame_id!r} is not that of the centroids, '
                                f'{self._frame_id!r}')
         if self._pipeline is not None:
