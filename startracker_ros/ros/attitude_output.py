@@ -24,8 +24,9 @@ from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.io.bags import cdr
 from startracker_ros.ros import qos
 from startracker_ros.ros.body_output import BodyOutput
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
+from startracker_ros.ros.frames import AttitudeFrameOptions, ExtraFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
@@ -47,7 +48,7 @@ class AttitudeImuOptions(Options):
 class AttitudeOutput:
     """Publishes trusted attitudes in four message types, and those of body and other frames."""
 
-    def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
+    def __init__(self, node: CameraNode, observer: OdometryInput) -> None:
         self._node = node
         self._observer = observer
         self._diagnostics = node.diagnostics
@@ -63,6 +64,10 @@ class AttitudeOutput:
         """Publish what does not change with the frames."""
         self._body.rebuild()
 
+    def follow_frame(self, sensor_frame_id: str) -> None:
+        """Use a frame of the sensor; MessageError for the name of another frame."""
+        self._body.follow_frame(sensor_frame_id)
+
     def publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
                 ) -> None:
         """
@@ -70,10 +75,11 @@ class AttitudeOutput:
 
         Without a trusted attitude only attitude_imu is published, marked as invalid, or nothing.
         """
-        attitude, frames = result.attitude, self._node.options(FrameOptions)
+        attitude, sensor_frame_id = result.attitude, self._node.sensor_frame_id
         self._observer.report(stamp_ns)
-        header = make_header(stamp_ns, frames.inertial_frame_id)
-        sensor_header = make_header(stamp_ns, frames.sensor_frame_id)
+        header = make_header(
+            stamp_ns, self._node.options(AttitudeFrameOptions).inertial_frame_id)
+        sensor_header = make_header(stamp_ns, sensor_frame_id)
         if attitude is None:
             if not self._node.options(AttitudeImuOptions).attitude_imu_valid_only:
                 self._imu.publish(attitude_to_imu(None, sensor_header))
@@ -86,9 +92,9 @@ class AttitudeOutput:
             attitude.quaternion, header))
         publish_if_subscribed(self._pose, lambda: attitude_to_pose(attitude, header))
         publish_if_subscribed(self._protection, lambda: cdr.vector_stamped(
-            stamp_ns, frames.sensor_frame_id, result.protection_rad))
+            stamp_ns, sensor_frame_id, result.protection_rad))
         publish_if_subscribed(self._transform, lambda: rotation_to_transform(
-            attitude.quaternion, header, frames.sensor_frame_id))
+            attitude.quaternion, header, sensor_frame_id))
         publish_if_subscribed(self._imu, lambda: (
             attitude_to_imu(attitude, sensor_header) if tracked is None else
             tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header)))

@@ -10,8 +10,9 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from startracker_ros.core.maths.rotation import conjugate, multiply
 from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros import qos
-from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.frames import AttitudeFrameOptions
 from startracker_ros.ros.messages.attitude import quaternion_to_message, rotation_to_transform
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode, StartError
@@ -25,7 +26,7 @@ class MountOptions(Options):
     """The frames of sensor and body for tf2 and for users of the body attitude."""
 
     publish_tf: bool = option(
-        False, 'broadcast the attitude on /tf: inertial_frame_id -> sensor_frame_id or, with '
+        False, 'broadcast the attitude on /tf: inertial_frame_id -> frame of the sensor or, with '
         'body_frame_id, inertial_frame_id -> body_frame_id and the mount on /tf_static; needs '
         'the package tf2_msgs', read_only=True)
     body_frame_id: str = option(
@@ -69,6 +70,7 @@ class BodyOutput:
             raise StartError('mount_quaternion needs the name of the body frame, body_frame_id')
         self._body_frame_id = options.body_frame_id
         self._q_body_from_sensor = mount / norm
+        self._sensor_frame_id = ''
         self._attitude = self._tf = self._tf_static = None
         if self._body_frame_id:
             self._attitude = node.advertise(QuaternionStamped, 'attitude_body', qos.LIST)
@@ -79,21 +81,40 @@ class BodyOutput:
                 self._tf_static = node.advertise(self._tf_message, '/tf_static', qos.STATE)
 
     def rebuild(self) -> None:
-        """Publish the mount, whose frames may have other names now."""
-        frames: FrameOptions = self._node.options(FrameOptions)
-        if self._body_frame_id in (frames.sensor_frame_id, frames.inertial_frame_id):
-            raise StartError(f'body_frame_id = {self._body_frame_id} is the name of another frame')
+        """Use the frame of the sensor that is set; that of the images comes with the first one."""
+        self._sensor_frame_id = ''
+        sensor_frame_id = self._node.options(AttitudeFrameOptions).sensor_frame_id
+        if twice := self._named_twice(sensor_frame_id):
+            raise StartError(twice)
+        if sensor_frame_id:
+            self.follow_frame(sensor_frame_id)
+
+    def follow_frame(self, sensor_frame_id: str) -> None:
+        """Use a frame of the sensor: publish its mount; MessageError for the name of another."""
+        if sensor_frame_id == self._sensor_frame_id:
+            return
+        if twice := self._named_twice(sensor_frame_id):
+            raise MessageError(f'{twice}; set sensor_frame_id')
+        self._sensor_frame_id = sensor_frame_id
         if self._tf_static is not None:
             # Valid at all times: tf2 does not read the stamp.
             self._tf_static.publish(self._tf_message(transforms=[rotation_to_transform(
-                self._q_body_from_sensor, make_header(0, self._body_frame_id),
-                frames.sensor_frame_id)]))
+                self._q_body_from_sensor, make_header(0, self._body_frame_id), sensor_frame_id)]))
+
+    def _named_twice(self, sensor_frame_id: str) -> str:
+        """Return which frame has the name of another one, in words; empty for none."""
+        inertial_frame_id = self._node.options(AttitudeFrameOptions).inertial_frame_id
+        if self._body_frame_id and self._body_frame_id in (sensor_frame_id, inertial_frame_id):
+            return f'body_frame_id = {self._body_frame_id} is the name of another frame'
+        if sensor_frame_id == inertial_frame_id:
+            return f'inertial_frame_id = {inertial_frame_id} is the name of another frame'
+        return ''
 
     def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray) -> None:
         """Publish an attitude (4,)."""
-        frames: FrameOptions = self._node.options(FrameOptions)
-        header = make_header(stamp_ns, frames.inertial_frame_id)
-        quaternion, child = q_icrf_from_sensor, frames.sensor_frame_id
+        header = make_header(
+            stamp_ns, self._node.options(AttitudeFrameOptions).inertial_frame_id)
+        quaternion, child = q_icrf_from_sensor, self._sensor_frame_id
         if self._attitude is not None:
             quaternion = multiply(q_icrf_from_sensor, conjugate(self._q_body_from_sensor))
             child = self._body_frame_id

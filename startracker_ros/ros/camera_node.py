@@ -15,7 +15,8 @@ from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.core.astro.epoch import (
     catalogue_epoch, CatalogueEpoch, NOT_STAMPED, RESTART_NS)
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.io.bags.layouts import (
+    camera_from_message, MessageError, ns_from_stamp, SENSOR_FRAME_ID)
 from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
@@ -50,13 +51,19 @@ def is_building() -> bool:
 
 
 class CameraSetup:
-    """Calls build() in a thread; it must not use anything that the node changes meanwhile."""
+    """
+    Calls build() in a thread; it must not use anything that the node changes meanwhile.
+
+    One that is superseded before its turn is not built: a camera that changes with each message
+    costs one thread at a time.
+    """
 
     def __init__(self, camera: Camera, build: Callable[[], Any]) -> None:
         self.camera = camera
         self._build = build
         self._built: Any = None
         self._error: BaseException | None = None
+        self.superseded = False
         self._thread = Thread(target=self._run, name='camera set-up', daemon=True)
         self._thread.start()
 
@@ -74,7 +81,8 @@ class CameraSetup:
     def _run(self) -> None:
         with _BUILDING:
             try:
-                self._built = self._build()
+                if not self.superseded:
+                    self._built = self._build()
             except BaseException as error:
                 self._error = error
 
@@ -124,9 +132,9 @@ class CameraNode(PipelineNode):
     What depends on the camera is built in a thread, too. Messages wait for it, and for the first
     camera_info, in the order of their arrival: of each topic as many as its queue holds.
 
-    Subclasses set sensor_frame_id, the frame of the centroids, and frame_topic, which has one
-    message for each frame: its gaps and silence are reported. They override restart(),
-    builder() and use() instead of rebuild().
+    Subclasses set frame_topic, which has one message for each frame: its gaps and silence are
+    reported, and follow_frame() takes the optical frame of the sensor from it. They override
+    restart(), builder() and use() instead of rebuild().
     """
 
     def __init__(self, name: str) -> None:
@@ -162,6 +170,7 @@ class CameraNode(PipelineNode):
         self.camera = None
         self._end_set_up()
         self._waits_for_camera = True
+        self.sensor_frame_id = ''
         self._newest_ns.clear()
         self._restarted = False
 
@@ -245,11 +254,12 @@ class CameraNode(PipelineNode):
         """
         Subscribe to imu for add(stamp_ns, rate_rad_s), which returns False for an unusable rate.
 
-        Rates in another frame than sensor_frame_id are rejected once that is known.
+        Rates in another frame than sensor_frame_id are rejected once that is known; an empty
+        frame_id is SENSOR_FRAME_ID, as of images.
         """
         def on_imu(message: Imu) -> None:
             rate = rate_from_imu(message)
-            if self.sensor_frame_id not in ('', message.header.frame_id):
+            if self.sensor_frame_id not in ('', message.header.frame_id or SENSOR_FRAME_ID):
                 raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
                                    f'centroids, {self.sensor_frame_id!r}')
             if (self.in_order('imu', message.header.stamp)
@@ -288,6 +298,20 @@ class CameraNode(PipelineNode):
             self._follow_cadence(stamp_ns)
         return True
 
+    def follow_frame(self, frame_id: str) -> str:
+        """Return the frame of the sensor, that of a frame; an empty or another one is reported."""
+        if not frame_id:
+            self.diagnostics.report_event(
+                f'{self.frame_topic}: frame_id is empty, {SENSOR_FRAME_ID} is used: set it in the '
+                'camera driver')
+        frame_id = frame_id or SENSOR_FRAME_ID
+        if self.sensor_frame_id not in ('', frame_id):
+            self.diagnostics.report_event(
+                f'{self.frame_topic}: frame_id changes from {self.sensor_frame_id!r} to '
+                f'{frame_id!r}: two cameras on one topic?')
+        self.sensor_frame_id = frame_id
+        return frame_id
+
     def _follow_cadence(self, stamp_ns: int) -> None:
         topic = self.frame_topic
         missing, ahead_s = self._cadence.arrived(stamp_ns, time.monotonic())
@@ -325,11 +349,15 @@ class CameraNode(PipelineNode):
         epoch = catalogue_epoch(ns_from_stamp(message.header.stamp),
                                 self.get_clock().now().nanoseconds)
         newest = self if self._setup is None else self._setup
-        if newest.camera is not None and camera != newest.camera:
-            self.diagnostics.report_event(f'another camera: {camera_text(camera)}')
+        same = camera.is_same(newest.camera)
+        if newest.camera is not None and not same:
+            moved_px = camera.difference_px(newest.camera)
+            self.diagnostics.report_event(
+                f'another camera: {camera_text(camera)}'
+                + ('' if np.isinf(moved_px) else f', stars up to {moved_px:.2g} px apart'))
             # Frames of the camera before.
             self._end_set_up()
-        if camera != newest.camera or not epoch.is_near(self.epoch):
+        if not same or not epoch.is_near(self.epoch):
             self.get_logger().info(f'camera {camera_text(camera)}, {epoch}')
             self._set_up(camera, epoch)
 
@@ -345,6 +373,8 @@ class CameraNode(PipelineNode):
             return
         if self._setup is None:
             self._setup_timer = self.create_steady_timer(0.01, self._check_set_up)
+        else:
+            self._setup.superseded = True
         self._setup = CameraSetup(camera, build)
 
     def _check_set_up(self) -> None:
@@ -375,5 +405,6 @@ class CameraNode(PipelineNode):
         self.diagnostics.values.pop(CAMERA, None)
         self._count_dropped(len(self._waiting.clear()))
         if self._setup is not None:
+            self._setup.superseded = True
             self._setup = None
             self.destroy_timer(self._setup_timer)

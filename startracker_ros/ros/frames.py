@@ -6,6 +6,7 @@
 from dataclasses import dataclass
 
 from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import SENSOR_FRAME_ID
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,16 @@ class ExtraFrameOptions(Options):
 
 @dataclass(frozen=True)
 class FrameOptions(InertialFrameOptions):
-    """Frame names in message headers."""
+    """Frame names in message headers of a camera."""
 
     sensor_frame_id: str = option(
-        'star_tracker_optical_frame', 'optical frame of the camera: x right, y down, z boresight')
+        SENSOR_FRAME_ID, 'optical frame of the camera: x right, y down, z boresight')
+
+
+@dataclass(frozen=True)
+class AttitudeFrameOptions(InertialFrameOptions):
+    """Frame names in message headers of an attitude."""
+
+    sensor_frame_id: str = option(
+        '', 'optical frame of the camera, x right, y down, z boresight, in the messages of the '
+        'attitude; empty: frame_id of the images')

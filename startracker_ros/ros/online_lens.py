@@ -61,7 +61,7 @@ class OnlineLens:
         """Begin with a camera, or go on when it is the one that was proposed."""
         self._onboard = onboard
         self._pairs.clear()
-        if self._calibration is not None and camera == self._wanted:
+        if self._calibration is not None and camera.is_same(self._wanted):
             self._calibration.use(camera)
         else:
             self._calibration = OnlineCalibration(

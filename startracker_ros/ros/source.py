@@ -13,6 +13,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Imu
 from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.core.astro.epoch import stamp_from_datetime
+from startracker_ros.core.camera.calibrated import check_sensor
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags.layouts import camera_from_message, ns_from_stamp
@@ -75,11 +76,17 @@ class CameraOptions(Options):
     fov_deg: float = option(12.0, 'horizontal field of view of the ideal camera, edge to edge',
                             unit='deg', low=0.5, high=90.0)
 
+    def file_camera(self) -> Camera | None:
+        """Return the camera of the file, None without; CameraError if no node would take it."""
+        if not self.camera_file:
+            return None
+        camera = load_camera(self.camera_file)
+        check_sensor(camera)
+        return camera
+
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera of the file, or an ideal one of width x height px."""
-        if self.camera_file:
-            return load_camera(self.camera_file)
-        return Camera.from_fov(width, height, self.fov_deg)
+        return self.file_camera() or Camera.from_fov(width, height, self.fov_deg)
 
 
 class ImageSourceNode(PipelineNode):
@@ -106,7 +113,7 @@ class ImageSourceNode(PipelineNode):
         # As in image_transport, the image goes first: camera_info wakes all nodes, which would
         # delay the image. Only a new camera goes before its first image.
         calibrated = self._calibrated(camera)
-        same = calibrated == self._published_camera
+        same = calibrated.is_same(self._published_camera)
         self._published_camera = calibrated
         if not same:
             self._publish_camera_info(camera, header)
@@ -121,7 +128,7 @@ class ImageSourceNode(PipelineNode):
 
     def _calibrated(self, camera: Camera) -> Camera:
         """Return the camera that was set in the place of this one, or this one."""
-        if self._replaced is not None and self._replaced[0] == camera:
+        if self._replaced is not None and self._replaced[0].is_same(camera):
             return self._replaced[1]
         return camera
 

@@ -14,12 +14,11 @@ from startracker_ros.core.track.acceleration import ENDS
 from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frame_pairs import FramePairs
-from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.attitude import (
     acceleration_from_message, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.node import PipelineNode
 
 LONGEST_NS = 1_000_000_000
 """Interval of two frames beyond which the motion between them is not known well enough."""
@@ -38,7 +37,7 @@ class SubFrameOptions(Options):
 class SubFrameOutput:
     """Publishes sub_frame_attitude of frames whose tracked_acceleration has come."""
 
-    def __init__(self, node: PipelineNode) -> None:
+    def __init__(self, node: CameraNode) -> None:
         self._node = node
         self._count = node.options(SubFrameOptions).sub_frames
         self._pairs = FramePairs('attitude', 'tracked_acceleration')
@@ -71,10 +70,9 @@ class SubFrameOutput:
         (stamp_ns, interval_ns, own, tracked), (mean, sigma) = pair
         attitude = Attitude.of(stamp_ns, own, tracked, Acceleration(
             mean, sigma, interval_ns * 1e-9 / ENDS))
-        frame_id = self._node.options(FrameOptions).sensor_frame_id
         for one in attitude.sub_frames(self._count, interval_ns):
             self._publisher.publish(tracked_attitude_to_imu(
                 replace(tracked, attitude=one, rate_rad_s=one.rate_rad_s,
                         rate_covariance=one.rate_covariance),
-                make_header(one.stamp_ns, frame_id)))
+                make_header(one.stamp_ns, self._node.sensor_frame_id)))
         self._node.diagnostics.counts['frames with sub-frames'] += 1

@@ -6,8 +6,9 @@
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
 from skies import SMALL_CAMERA as CAMERA, START_NS
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos
@@ -143,21 +144,38 @@ def test_encodings_of_other_drivers_have_their_stars_where_they_are(extractor, p
         assert np.median(away[same]) < 0.25 and np.median(sigma_px) < 0.5, (encoding, away)
 
 
-@pytest.mark.parametrize('field, value, words', [
-    ('k', [float('nan')] * 9, 'NaN or infinity'),
-    ('k', [0.0] * 9, 'focal length (0.0, 0.0) px must be positive'),
-    ('distortion_model', 'fisheye', "'fisheye' is none of plumb_bob"),
-    ('width', 0, 'image size 0 x 512'),
+@pytest.mark.parametrize('changes, words', [
+    ({'k': [float('nan')] * 9}, 'NaN or infinity'),
+    ({'k': [0.0] * 9, 'p': [0.0] * 12}, 'focal length (0.0, 0.0) px must be positive'),
+    ({'k': [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
+     'camera_info: field of view above 85 deg to one side of the optical axis'),
+    ({'k': [2400.0, 0.0, 0.0, 0.0, 2400.0, 0.0, 0.0, 0.0, 1.0]},
+     'camera_info: principal point (0, 0) px is not set'),
+    ({'roi': RegionOfInterest(x_offset=400, width=200, height=200)}, 'is not in the image of'),
+    ({'distortion_model': 'fisheye'}, "'fisheye' is none of plumb_bob"),
+    ({'width': 0}, 'image size 0 x 512'),
 ])
-def test_camera_info_that_is_none(extractor, probe, sky, field, value, words):
+def test_camera_info_that_is_none(extractor, probe, sky, changes, words):
     info = camera_to_message(CAMERA, header(1))
-    setattr(info, field, value)
+    for name, value in changes.items():
+        setattr(info, name, value)
     extractor.set_camera(info)
     probe.wait_diagnostic(words)
     extractor.send_until_reported(sky, 'no valid camera_info received')
     assert not probe.received['centroids']
     extractor.set_camera(camera_to_message(CAMERA, header(extractor.index)))
     extractor.still_works(sky)
+
+
+def test_binning_of_the_driver_is_applied(extractor, probe, sky):
+    """Its width, height and K are those of the sensor, twice the size of the images."""
+    info = camera_to_message(Camera.from_fov(1024, 1024, 12.0), header(extractor.index))
+    extractor.set_camera(info)
+    extractor.send_until_reported(sky, 'does not fit camera_info of 1024 x 1024 px')
+    info.binning_x = info.binning_y = 2
+    extractor.set_camera(info)
+    extractor.still_works(sky)
+    extractor.set_camera(camera_to_message(CAMERA, header(extractor.index)))
 
 
 @pytest.mark.parametrize('value', [0, 65535])

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, RegionOfInterest
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.centroid.centroids import Centroids
@@ -26,6 +26,7 @@ from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
     PREDICTION_DTYPE, read_cloud)
+from startracker_ros.io.bags.reader import decode
 from startracker_ros.ros.diagnostics import status_message, WARN
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.clouds import (
@@ -158,6 +159,12 @@ def test_camera_info():
     assert camera_from_message(message) == CAMERA
     message.d = []
     assert camera_from_message(message).distortion == (0.0,) * 5
+    # Other decoders give the same.
+    message.binning_x = message.binning_y = 2
+    message.roi = RegionOfInterest(x_offset=100, y_offset=60, width=400, height=300)
+    part = camera_from_message(message)
+    assert (part.width, part.height, part.cx, part.cy) == (200, 150, 110.0, 89.5)
+    assert part == camera_from_message(decode(cdr.CAMERA_INFO, serialize_message(message)))
     message.d = [0.1] * 8
     with pytest.raises(CameraError, match='5 distortion terms'):
         camera_from_message(message)

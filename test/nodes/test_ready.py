@@ -145,7 +145,7 @@ def test_what_waits_is_dropped_after_an_invalid_camera_info(nodes, probe):
     publish(0)
     wait_for('centroids received', '1')
     invalid = camera_to_message(CAMERA, header(0))
-    invalid.k = [0.0] * 9
+    invalid.k, invalid.p = [0.0] * 9, [0.0] * 12
     info.publish(invalid)
     wait_for('dropped without camera_info', '1')
     publish(1)

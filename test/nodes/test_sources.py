@@ -44,7 +44,8 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
     better = camera.with_focal_ratio(1.001)
     for message, words in (
             (camera_to_message(replace(better, width=65), Header()), 'images have 64 x 64 px'),
-            (CameraInfo(width=64, height=64, k=[float('nan')] * 9), 'NaN')):
+            (CameraInfo(width=64, height=64, k=[float('nan')] * 9), 'NaN'),
+            (CameraInfo(width=64, height=64, k=np.eye(3).ravel()), 'focal length 1, 1 px')):
         answer = probe.call(SetCameraInfo, 'set_camera_info', SetCameraInfo.Request(
             camera_info=message))
         assert not answer.success and words in answer.status_message

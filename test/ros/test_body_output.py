@@ -14,9 +14,9 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros.body_output import BodyOutput, MountOptions
-from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.frames import AttitudeFrameOptions
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.node import StartError
 
@@ -36,8 +36,8 @@ class StandInTFMessage:
 class RecordingNode:
     """The part of a PipelineNode that an output uses; publishers are lists of messages."""
 
-    def __init__(self, mount: MountOptions, frames: FrameOptions) -> None:
-        self._options = {MountOptions: mount, FrameOptions: frames}
+    def __init__(self, mount: MountOptions, frames: AttitudeFrameOptions) -> None:
+        self._options = {MountOptions: mount, AttitudeFrameOptions: frames}
         self.topics, self.profiles = {}, {}
 
     def options(self, cls):
@@ -66,10 +66,12 @@ def tf2_msgs(monkeypatch):
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
 
 
-def published(**options):
-    node = RecordingNode(MountOptions(**options), FrameOptions())
+def published(sensor_frame_id='', followed=SENSOR, **options):
+    node = RecordingNode(MountOptions(**options),
+                         AttitudeFrameOptions(sensor_frame_id=sensor_frame_id))
     output = BodyOutput(node)
     output.rebuild()
+    output.follow_frame(followed)
     output.publish(STAMP_NS, ATTITUDE)
     return node
 
@@ -111,9 +113,10 @@ def test_with_a_body_each_frame_has_one_parent_and_the_chain_is_the_attitude(tf2
 
 def test_the_worked_example_of_the_conventions():
     node = RecordingNode(MountOptions(
-        body_frame_id='base_link', mount_quaternion=(0.5, 0.5, 0.5, 0.5)), FrameOptions())
+        body_frame_id='base_link', mount_quaternion=(0.5, 0.5, 0.5, 0.5)), AttitudeFrameOptions())
     output = BodyOutput(node)
     output.rebuild()
+    output.follow_frame(SENSOR)
     output.publish(STAMP_NS, quaternion_from_pointing(np.radians(84), 0.0, 0.0))
     body, = node.topics['attitude_body']
     assert body.header.frame_id == 'icrf'
@@ -124,9 +127,28 @@ def test_the_worked_example_of_the_conventions():
 @pytest.mark.parametrize('options, text', [
     ({'mount_quaternion': (0.0, 0.0, 0.0, 0.9), 'body_frame_id': 'base_link'}, 'norm 0.9000'),
     ({'mount_quaternion': MOUNT}, 'body_frame_id'),
-    ({'body_frame_id': SENSOR}, 'name of another frame'),
+    ({'body_frame_id': SENSOR, 'sensor_frame_id': SENSOR}, 'name of another frame'),
+    ({'sensor_frame_id': 'icrf'}, 'name of another frame'),
     ({'body_frame_id': 'icrf'}, 'name of another frame'),
     ({'publish_tf': True}, 'ros-jazzy-tf2-msgs')])
 def test_options_that_cannot_be_met_end_the_start_with_a_reason(options, text):
     with pytest.raises(StartError, match=text):
         published(**options)
+
+
+def test_the_mount_has_the_frame_of_the_images_once_that_is_known_or_that_of_the_parameter(
+        tf2_msgs):
+    node = RecordingNode(
+        MountOptions(publish_tf=True, body_frame_id='base_link'), AttitudeFrameOptions())
+    output = BodyOutput(node)
+    output.rebuild()
+    assert not node.topics['/tf_static']
+    for frame_id in ('cam', 'cam', 'other'):
+        output.follow_frame(frame_id)
+    assert [message.transforms[0].child_frame_id for message in node.topics['/tf_static']] == [
+        'cam', 'other']
+    for frame_id in ('base_link', 'icrf'):
+        with pytest.raises(MessageError, match='name of another frame; set sensor_frame_id'):
+            output.follow_frame(frame_id)
+    node = published('lens', 'lens', publish_tf=True)
+    assert only(node.topics['/tf'])[0].child_frame_id == 'lens'

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
+from startracker_ros.core.camera.calibrated import check_pixels
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid, SkyGrid)
@@ -146,7 +147,12 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
                     magnitude_limit: float = np.inf, least_density: float = 0.0
                     ) -> OnboardCatalog:
-    """Return build_onboard_catalog() of a camera, with the resolution of its pixels."""
+    """
+    Return build_onboard_catalog() of a camera, with the resolution of its pixels.
+
+    CameraError for pixels so large that it would take long and have no stars.
+    """
+    check_pixels(camera)
     return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
                                  merge_rad=MERGE_PX * camera.pixel_rad,
                                  crowd_rad=CROWD_PX * camera.pixel_rad,

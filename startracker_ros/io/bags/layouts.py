@@ -13,10 +13,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.distortion import MODELS, PLUMB_BOB
+from startracker_ros.core.camera.calibrated import (
+    calibrated_camera, check_pixels, check_sensor)
 from startracker_ros.core.camera.levels import (
     CELL_PX, colour_levels, has_swapped_bytes, mosaic_levels)
-from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.model import Camera, CameraError
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
 _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
@@ -43,11 +44,12 @@ TARGET_BODY = 10
 _OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS,
              PREDICTION_DTYPE: [('body', 'u1')]}
 
+SENSOR_FRAME_ID = 'star_tracker_optical_frame'
+"""Optical frame of a camera that has no name for it: images with an empty frame_id."""
+
 # By the numbers of sensor_msgs/PointField.
 _NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 POINT_FIELD_TYPES = {name: number for number, name in _NUMPY_TYPES.items()}
-# A camera comes with every image: it is checked once.
-_camera = lru_cache(Camera)
 # Fields in which NaN has a meaning: outside the image circle, not identified, not observed in this
 # frame.
 _MAY_BE_NAN = {'x', 'y', 'z', 'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
@@ -78,7 +80,7 @@ class StarImage(NamedTuple):
         if (height, width) != (camera.height // self.cell, camera.width // self.cell):
             raise MessageError(
                 f'image of {self.cell * width} x {self.cell * height} px does not fit camera_info '
-                f'of {camera.width} x {camera.height} px')
+                f'of {camera.width} x {camera.height} px, its roi and binning applied')
 
     def in_full(self) -> np.ndarray:
         """Return the pixels as large as they are in the image of the camera."""
@@ -147,15 +149,49 @@ _ENCODINGS: dict[str, tuple[np.dtype, int, Callable[[np.ndarray], StarImage]]] =
 """Type and channels of a pixel, and what it is as a grey one; sensor_msgs/image_encodings.hpp."""
 
 
+def sensor_from_message(message: Any) -> Camera:
+    """Return the camera of a CameraInfo with the whole sensor; CameraError names what is wrong."""
+    return _sensor(message.width, message.height, message.distortion_model, tuple(message.d),
+                   tuple(map(float, message.k)), tuple(map(float, message.p)))
+
+
 def camera_from_message(message: Any) -> Camera:
-    """Return the camera of a CameraInfo; CameraError names what is wrong."""
-    model, distortion = message.distortion_model or PLUMB_BOB, tuple(message.d)
-    # An empty D is what drivers send for an ideal lens; four terms of plumb_bob leave k3 out.
-    if not distortion or model == PLUMB_BOB:
-        wanted = len(MODELS[model].coefficients) if model in MODELS else 0
-        distortion += (0.0,) * (wanted - len(distortion))
-    fx, _, cx, _, fy, cy = map(float, message.k[:6])
-    return _camera(message.width, message.height, fx, fy, cx, cy, distortion, model)
+    """
+    Return the camera of the images of a CameraInfo; CameraError names what is wrong.
+
+    Width, height, K and P are those of the whole sensor: roi and binning_x, binning_y are applied
+    as image_geometry does. R is not read: the axes are those of the image.
+    """
+    roi = message.roi
+    return _part(sensor_from_message(message),
+                 (roi.x_offset, roi.y_offset, roi.width, roi.height),
+                 (message.binning_x or 1, message.binning_y or 1))
+
+
+# A camera comes with every image: it is checked once.
+@lru_cache
+def _sensor(width: int, height: int, model: str, d: tuple[float, ...], k: tuple[float, ...],
+            p: tuple[float, ...]) -> Camera:
+    camera = calibrated_camera(width, height, model, d, k, p)
+    check_sensor(camera)
+    return camera
+
+
+@lru_cache
+def _part(sensor: Camera, roi: tuple[int, int, int, int], binning: tuple[int, int]) -> Camera:
+    """Return the camera of a part of the image of a sensor, of all where roi is all zero."""
+    x_px, y_px, width, height = roi if any(roi) else (0, 0, sensor.width, sensor.height)
+    if not (0 < width <= sensor.width - x_px and 0 < height <= sensor.height - y_px):
+        raise CameraError(
+            f'roi of {width} x {height} px at ({x_px}, {y_px}) is not in the image of '
+            f'{sensor.width} x {sensor.height} px: width, height and K are to be those of the '
+            'whole sensor')
+    if not (binning[0] <= width and binning[1] <= height):
+        raise CameraError(f'binning of {binning[0]} x {binning[1]} px leaves no pixel of '
+                          f'{width} x {height} px')
+    camera = sensor.cropped(x_px, y_px, width, height).binned(*binning)
+    check_pixels(camera)
+    return camera
 
 
 def protection_from_message(message: Any) -> np.ndarray:

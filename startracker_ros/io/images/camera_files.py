@@ -5,6 +5,7 @@
 
 from pathlib import Path
 
+from startracker_ros.core.camera.calibrated import calibrated_camera
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.yaml_text import read_yaml
 from startracker_ros.io.images.wcs_file import read_wcs_camera, SUFFIXES
@@ -23,10 +24,10 @@ def load_camera(path: str | Path) -> Camera:
     try:
         document = read_yaml(path)
         matrix = [float(value) for value in document['camera_matrix']['data']]
-        distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
-        width, height = document['image_width'], document['image_height']
-        return Camera(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],
-                      distortion, str(document['distortion_model']))
+        distortion = [float(value) for value in document['distortion_coefficients']['data']]
+        return calibrated_camera(
+            int(document['image_width']), int(document['image_height']),
+            str(document['distortion_model']), distortion, matrix)
     except OSError as error:
         raise CameraError(f'camera file {path}: {error.strerror}') from error
     except CameraError as error:

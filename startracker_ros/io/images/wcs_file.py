@@ -232,7 +232,7 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
 
 
 def _on_chip(crpix: np.ndarray, width: int, height: int) -> tuple[float, float]:
-    """Return the reference pixel, or the nearest principal point that a camera may have."""
+    """Return the reference pixel, or the nearest point that is one image size off at most."""
     cx, cy = np.clip(crpix, [-width, -height], [2 * width, 2 * height])
     return float(cx), float(cy)
 

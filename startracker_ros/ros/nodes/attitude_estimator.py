@@ -24,7 +24,7 @@ from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutp
 from startracker_ros.ros.body_output import MountOptions
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frame_pairs import FramePairs
-from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
+from startracker_ros.ros.frames import AttitudeFrameOptions, ExtraFrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import tracks_from_message
 from startracker_ros.ros.node import main_of
@@ -45,14 +45,14 @@ class SourceOptions(Options):
 class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
-    option_classes = (SourceOptions, ValidationOptions, ProtectionOptions, FrameOptions,
+    option_classes = (SourceOptions, ValidationOptions, ProtectionOptions, AttitudeFrameOptions,
                       ExtraFrameOptions, MountOptions, AttitudeImuOptions, SubFrameOptions,
                       AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
         super().__init__('attitude_estimator')
-        self._observer = OdometryInput(self, FrameOptions)
+        self._observer = OdometryInput(self, AttitudeFrameOptions)
         self._output = AttitudeOutput(self, self._observer)
         self._sub_frames = SubFrameOutput(self)
         # The attitude is in one message, the stars that it is checked against are in the other.
@@ -87,6 +87,13 @@ class AttitudeEstimatorNode(CameraNode):
         AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
             self.options(AberrationOptions))).warm_up()
 
+    def follow_frame(self, frame_id: str) -> str:
+        """Return the frame of the parameter or, if that is not set, of the images."""
+        frame_id = super().follow_frame(
+            self.options(AttitudeFrameOptions).sensor_frame_id or frame_id)
+        self._output.follow_frame(frame_id)
+        return frame_id
+
     def _on_tracked_attitude(self, message: Imu) -> None:
         self._pair('tracked_attitude', ns_from_stamp(message.header.stamp),
                    tracked_attitude_from_imu(message))
@@ -95,6 +102,7 @@ class AttitudeEstimatorNode(CameraNode):
         tracks = tracks_from_message(message)
         if self.camera_or_drop() is None or not self.in_order('tracks', message.header.stamp):
             return
+        self.follow_frame(message.header.frame_id)
         stamp_ns = ns_from_stamp(message.header.stamp)
         if (self._pairs.waits('tracked_attitude', stamp_ns)
                 or self.count_publishers('tracked_attitude')):
@@ -121,6 +129,7 @@ class AttitudeEstimatorNode(CameraNode):
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
         if self.camera_or_drop() is not None and self.in_order('stars', message.header.stamp):
+            self.follow_frame(message.header.frame_id)
             stamp_ns = ns_from_stamp(message.header.stamp)
             self._output.publish(stamp_ns, self._stage.from_stars(
                 stamp_ns, centroids_from_rows(rows), rows['hip'].astype(np.int32)), None)

@@ -6,7 +6,6 @@
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.exposure.control import ExposureMode, ExposureOptions
 from startracker_ros.io.images.auto_exposure import AutoExposure
-from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import Captured, CaptureOptions
 from startracker_ros.io.images.capture_thread import (
     CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
@@ -41,9 +40,7 @@ class CameraSourceNode(ImageSourceNode):
     def rebuild(self) -> None:
         self._camera, self._mismatch = None, ''
         # A bad camera file stops the node here, where the user looks.
-        camera_file = self.options(CameraOptions).camera_file
-        if camera_file:
-            load_camera(camera_file)
+        self.options(CameraOptions).file_camera()
         if self._capture is not None:
             self.deactivate()
             self.activate()

@@ -24,6 +24,7 @@ from startracker_ros.ros.image_topic import (
     subscribe_images, TransportOptions, why_images_are_missing)
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import centroids_to_image_marker, image_to_message
 from startracker_ros.ros.node import main_of, publish_if_subscribed
 from std_msgs.msg import Header
@@ -83,8 +84,10 @@ class CentroidExtractorNode(CameraNode):
         if camera is None or not self.in_order(self.frame_topic, header.stamp):
             return
         image.check_size(camera)
+        stamp_ns = ns_from_stamp(header.stamp)
+        header = make_header(stamp_ns, self.follow_frame(header.frame_id))
         extraction = self._stage.extract(
-            ns_from_stamp(header.stamp), image.pixels, self._predicted,
+            stamp_ns, image.pixels, self._predicted,
             lost=self.has_publisher('predicted_centroids'), cell=image.cell)
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.windowed))

@@ -95,7 +95,7 @@ class StarIdentifierNode(CameraNode):
         if camera is None or stage is None or not self.in_order(
                 'centroids', message.header.stamp):
             return
-        self.sensor_frame_id = message.header.frame_id
+        self.follow_frame(message.header.frame_id)
         stamp_ns = ns_from_stamp(message.header.stamp)
         # The state that a killed tracker published last is not valid any more.
         tracking = self._tracking and self.has_publisher('tracker_state')

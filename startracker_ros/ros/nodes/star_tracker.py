@@ -91,8 +91,7 @@ class StarTrackerNode(CameraNode):
         camera, stamp_ns = self.camera_or_drop(), ns_from_stamp(message.header.stamp)
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
-        self.sensor_frame_id = message.header.frame_id
-        header = make_header(stamp_ns, self.sensor_frame_id)
+        header = make_header(stamp_ns, self.follow_frame(message.header.frame_id))
         if (tracks := self._tracker.update(stamp_ns, centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.

@@ -30,7 +30,7 @@ _SATURATED_SHARE = 0.01
 def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
                  ) -> Iterator[Check]:
     """Yield the checks of a camera file, of a live camera, and whether they agree."""
-    of_file = live = None
+    of_file = sensor = None
     if camera_file is not None:
         try:
             of_file = load_camera(camera_file)
@@ -49,21 +49,25 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
             yield Check('camera_info', lines[-1], False, 'mend DDS first: rows above')
             return
         heard = json.loads(done.stdout)
-        live = _camera(heard['camera_info'])
-        yield from check_info(heard['camera_info'], live)
+        live, sensor = (_camera(heard['camera_info'], name) for name in ('camera', 'sensor'))
+        yield from check_info(heard['camera_info'], live, sensor)
         yield from check_images(heard['image_raw'], heard['camera_info'], live)
-    if of_file is not None and live is not None and of_file != live:
+    if of_file is not None and sensor is not None and not of_file.is_same(sensor):
         yield Check('camera file and camera_info', 'differ', False,
                     'give the driver this file: the nodes use camera_info only')
 
 
-def _camera(heard: Mapping) -> Camera | None:
-    values = heard.get('camera')
+def _camera(heard: Mapping, name: str) -> Camera | None:
+    values = heard.get(name)
     return values and Camera(**{**values, 'distortion': tuple(values['distortion'])})
 
 
-def check_geometry(name: str, camera: Camera) -> Iterator[Check]:
-    """Yield whether focal length and principal point are those of a camera for stars."""
+def check_geometry(name: str, camera: Camera, sensor: Camera | None = None) -> Iterator[Check]:
+    """
+    Yield whether focal length and principal point are those of a camera for stars.
+
+    sensor is the camera with the whole sensor, where the images are a part of it.
+    """
     fov_deg = np.degrees([camera.seen_x_rad, camera.seen_y_rad])
     holds = _FOV_DEG[0] <= fov_deg.min() and (
         fov_deg.max() <= _FOV_DEG[1] or camera.model.equidistant)
@@ -75,14 +79,16 @@ def check_geometry(name: str, camera: Camera) -> Iterator[Check]:
     if abs(camera.fy / camera.fx - 1) > _AXES_RATIO:
         yield Check(f'{name}: pixels', f'fx {camera.fx:.1f}, fy {camera.fy:.1f} px', False,
                     'star cameras have square pixels: calibrate again')
-    shift = np.abs([(camera.cx + 0.5) / camera.width - 0.5,
-                    (camera.cy + 0.5) / camera.height - 0.5])
+    whole = sensor or camera
+    shift = np.abs([(whole.cx + 0.5) / whole.width - 0.5,
+                    (whole.cy + 0.5) / whole.height - 0.5])
     if shift.max() > _CENTRE_SHARE:
-        yield Check(f'{name}: principal point', f'({camera.cx:.1f}, {camera.cy:.1f}) px', False,
+        yield Check(f'{name}: principal point', f'({whole.cx:.1f}, {whole.cy:.1f}) px', False,
                     'far from the middle: a crop or a binning that the calibration does not know')
 
 
-def check_info(heard: Mapping, camera: Camera | None) -> Iterator[Check]:
+def check_info(heard: Mapping, camera: Camera | None, sensor: Camera | None = None
+               ) -> Iterator[Check]:
     """Yield what is wrong with camera_info, or its geometry."""
     if not heard['count']:
         yield Check('camera_info', f'nothing heard of {heard["publishers"]} publishers', False,
@@ -92,7 +98,7 @@ def check_info(heard: Mapping, camera: Camera | None) -> Iterator[Check]:
     if camera is None:
         yield Check('camera_info', heard['error'], False, 'calibrate: startracker calibrate')
         return
-    yield from check_geometry('camera_info', camera)
+    yield from check_geometry('camera_info', camera, sensor)
     if heard['best_effort']:
         yield Check('camera_info: reliability', 'best effort, the nodes ask for reliable', False,
                     '-p qos_overrides./camera_info.subscription.reliability:=best_effort')
@@ -112,7 +118,7 @@ def check_images(heard: Mapping, info: Mapping, camera: Camera | None) -> Iterat
         agrees = size == (camera.width, camera.height)
         yield Check('image_raw: size', f'{size[0]} x {size[1]} px', agrees,
                     '' if agrees else f'camera_info says {camera.width} x {camera.height}: '
-                    'calibrate at the size (binning, crop) that is used')
+                    'let the driver set its binning and roi, or calibrate at the size in use')
         if heard['frame_id'] != info['frame_id']:
             yield Check('image_raw: frame_id', f'{heard["frame_id"]!r}, camera_info '
                         f'{info["frame_id"]!r}', False, 'give both the same frame_id')

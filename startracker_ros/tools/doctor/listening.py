@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, image_from_message, MessageError, ns_from_stamp)
+    camera_from_message, image_from_message, MessageError, ns_from_stamp, sensor_from_message)
 from startracker_ros.ros.probe import Probe
 
 # Matches reliable and best-effort publishers.
@@ -33,9 +33,10 @@ class CameraListener(Probe):
     def _on_camera_info(self, message: CameraInfo) -> None:
         figures = self._figures['camera_info']
         figures.update(count=figures['count'] + 1, frame_id=message.header.frame_id,
-                       camera=None, error='')
+                       camera=None, sensor=None, error='')
         try:
             figures['camera'] = asdict(camera_from_message(message))
+            figures['sensor'] = asdict(sensor_from_message(message))
         except CameraError as error:
             figures['error'] = str(error)
 

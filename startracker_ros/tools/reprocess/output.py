@@ -66,7 +66,7 @@ class SegmentBag:
 
         def sends(topic: str) -> bool:
             return topic in self._names
-        if sends('camera_info') and camera != self._camera:
+        if sends('camera_info') and not camera.is_same(self._camera):
             send('camera_info', cdr.camera_info(stamp_ns, frame_id, camera))
             self._camera = camera
         if sends('centroids') and extracted:

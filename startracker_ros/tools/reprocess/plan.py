@@ -184,7 +184,7 @@ def _planned(bag: BagPath, name: str, source: str, options: SegmentOptions) -> B
             try:
                 plan.segments.extend(_segments(
                     bag, name, namespace, topic, topics, options, identity))
-            except (BagError, MessageError, CameraError) as error:
+            except (BagError, MessageError) as error:
                 problem(str(error), namespace)
     return plan
 
@@ -230,13 +230,18 @@ def _cameras(bag: BagPath, topic: str, topics: Mapping[str, BagTopic], most: int
     if topic not in topics or not topics[topic].message_count:
         raise BagError(f'no {topic}: the focal length is unknown; record it as well')
     found: list[tuple[int, Camera]] = []
+    reason = 'none can be read'
     for message in read_messages(bag, topics=(topic,), tolerant=True):
-        found.append((message.log_time_ns,
-                      camera_from_message(message.decoded())))
+        try:
+            found.append((message.log_time_ns, camera_from_message(message.decoded())))
+        except CameraError as error:
+            # A driver may not have its calibration from the start.
+            reason = str(error)
+            continue
         if topics[topic].message_count > most:
             break
     if not found:
-        raise BagError(f'no {topic} can be read')
+        raise BagError(f'{topic}: {reason}')
     return found
 
 

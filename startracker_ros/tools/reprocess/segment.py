@@ -22,7 +22,7 @@ from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
-    read_cloud)
+    read_cloud, SENSOR_FRAME_ID)
 from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
 from startracker_ros.io.recordings.recording import full_name
@@ -97,7 +97,7 @@ class SegmentRun:
 
     def _on_camera(self, message: BagMessage) -> None:
         camera = camera_from_message(_decoded(message))
-        if camera != self._camera:
+        if not camera.is_same(self._camera):
             self._camera, self._pipeline = camera, None
             self._cameras += 1
             if self._cameras > _MOST_CAMERAS:
@@ -108,7 +108,7 @@ class SegmentRun:
         rates = cdr.read_rates(message.data)
         if rates.covariance[0] == -1:
             raise MessageError('angular_velocity_covariance[0] is -1: no angular velocity')
-        if self._frame_id not in ('', rates.header.frame_id):
+        if self._frame_id not in ('', rates.header.frame_id or SENSOR_FRAME_ID):
             raise MessageError(f'frame {rates.header.frame_id!r} is not that of the centroids, '
                                f'{self._frame_id!r}')
         if self._pipeline is not None:
@@ -133,14 +133,15 @@ class SegmentRun:
             decoded = _decoded(message)
             content: Any = image_from_message(decoded)
             content.check_size(self._camera)
-            stamp_ns, self._frame_id = ns_from_stamp(decoded.header.stamp), decoded.header.frame_id
+            stamp_ns, frame_id = ns_from_stamp(decoded.header.stamp), decoded.header.frame_id
         else:
             cloud = cdr.read_point_cloud(message.data)
             rows = read_cloud(cloud, CENTROID_DTYPE)
             content = centroids_from_rows(rows), bool(len(rows)) and bool(rows['directed'][0])
-            stamp_ns, self._frame_id = cloud.header
+            stamp_ns, frame_id = cloud.header
         if not stamp_ns:
             raise MessageError(NOT_STAMPED)
+        self._frame_id = frame_id or SENSOR_FRAME_ID
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
             if self._newest_ns - stamp_ns <= RESTART_NS:
                 raise MessageError('a frame is not newer than the one before')

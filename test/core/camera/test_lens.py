@@ -12,7 +12,6 @@ import pytest
 from startracker_ros.core.camera.distortion import EQUIDISTANT, RATIONAL
 from startracker_ros.core.camera.lens import plane_points, rays, undistort
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.io.bags.layouts import camera_from_message
 from startracker_ros.io.images.camera_files import load_camera, save_camera
 
 PLUMB = Camera(1024, 768, 1500.0, 1480.0, 520.0, 380.0, (-0.2, 0.08, 1e-3, -5e-4, 0.01))
@@ -102,26 +101,6 @@ def test_a_pinhole_changes_nothing():
 def test_files_hold_every_model(camera, tmp_path):
     save_camera(camera, tmp_path / 'camera.yaml')
     assert load_camera(tmp_path / 'camera.yaml') == camera
-
-
-class Info:
-    """What camera_info has."""
-
-    width, height, k = 1024, 768, [900.0, 0, 511.5, 0, 900.0, 383.5, 0, 0, 1]
-
-    def __init__(self, model, d):
-        self.distortion_model, self.d = model, d
-
-
-def test_messages_have_every_model():
-    assert camera_from_message(Info('equidistant', [])).distortion == (0.0,) * 4
-    assert camera_from_message(Info('', [-0.1, 0.0, 0.0, 0.0])).distortion == (-0.1, *[0.0] * 4)
-    rational = camera_from_message(Info('rational_polynomial', FRACTION.distortion))
-    assert (rational.distortion, rational.distortion_model) == (FRACTION.distortion, RATIONAL)
-    with pytest.raises(CameraError, match='equidistant has 4 distortion terms, got 5'):
-        camera_from_message(Info('equidistant', [0.1] * 5))
-    with pytest.raises(CameraError, match="'fov' is none of plumb_bob"):
-        camera_from_message(Info('fov', [0.1]))
 
 
 def test_outside_the_circle_of_a_fisheye_is_no_direction():

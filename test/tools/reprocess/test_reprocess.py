@@ -174,6 +174,13 @@ def bad_bags(tmp_path_factory, flight):
                for camera in (CAMERA, CAMERA.with_focal_ratio(2.0))]
     bag('two_cameras', ('/centroids', cdr.POINT_CLOUD, 10 ** 18, cloud), *(
         ('/camera_info', cdr.CAMERA_INFO, 10 ** 18 + k, cameras[k % 2]) for k in range(20)))
+    uncalibrated = cameras[0].replace(struct.pack('<d', CAMERA.fx), bytes(8))
+    bag('jitter', ('/centroids', cdr.POINT_CLOUD, 10 ** 18, cloud),
+        ('/camera_info', cdr.CAMERA_INFO, 10 ** 18 - 1, uncalibrated), *(
+        ('/camera_info', cdr.CAMERA_INFO, 10 ** 18 + k, cdr.camera_info(
+            10 ** 18, 'camera', CAMERA.with_focal_ratio(1 + k * 1e-8))) for k in range(20)))
+    bag('uncalibrated', ('/centroids', cdr.POINT_CLOUD, 10 ** 18, cloud),
+        ('/camera_info', cdr.CAMERA_INFO, 10 ** 18, uncalibrated))
     (folder / 'zero.mcap').write_bytes(b'')
     (folder / 'text.mcap').write_bytes(b'hello, this is text')
     whole, = flight.glob('flight_*/*.mcap')
@@ -183,13 +190,16 @@ def bad_bags(tmp_path_factory, flight):
 
 def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reprocess, tmp_path):
     bags = [bad_bags / name for name in (
-        'foreign', 'empty', 'no_camera', 'two_cameras', 'zero.mcap', 'text.mcap')]
+        'foreign', 'empty', 'no_camera', 'two_cameras', 'jitter', 'uncalibrated', 'zero.mcap',
+        'text.mcap')]
     result = reprocess([*bags, flight], tmp_path, segment_s=120.0, bag_topics=frozenset())
     reasons = {row['bag']: row['reason'] for row in errors(tmp_path)}
     assert 'no star tracker in it' in reasons['foreign']
     assert 'no messages' in reasons['empty']
     assert 'camera_info' in reasons['no_camera']
     assert 'two cameras' in reasons['two_cameras']
+    assert 'cloud has no field' in reasons['jitter']
+    assert '/camera_info: focal length (0.0' in reasons['uncalibrated']
     assert 'no MCAP file' in reasons['zero'] and 'no MCAP file' in reasons['text']
     assert sum(row['frames'] for row in result.records) == 130
 
