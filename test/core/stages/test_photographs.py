@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.centroid.photograph import Detections
@@ -16,7 +17,6 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.io.images.images import ImageError, read_image, read_photograph
 from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
