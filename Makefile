@@ -1,4 +1,5 @@
-# make demo | demo-closed-loop | test | test-core | test-oldest | test-newest | test-long | test-ros | lint | docs | clean.
+# make demo | demo-closed-loop | test | test-core | test-evaluation | test-oldest | test-newest | test-long | test-ros |
+# lint | docs | clean.
 # Needs Python 3.11 or 3.12, with ROS=kilted 3.12 or 3.13, and a package index; ROS 2 comes as wheels.
 
 ROS ?= jazzy
@@ -22,9 +23,12 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # Folders are among them, so that a deleted file counts as a change.
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
-	find startracker_ros config launch resource -not -path '*/__pycache__*')
+	find startracker_ros config launch resource evaluation -not -path '*/__pycache__*' -not -path '*.egg-info*' \
+	-not -path 'evaluation/build*')
+# What users install, and what measures it.
+PACKAGES := . ./evaluation
 
-.PHONY: demo demo-closed-loop test test-core test-oldest test-newest test-long test-ros lint docs clean
+.PHONY: demo demo-closed-loop test test-core test-evaluation test-oldest test-newest test-long test-ros lint docs clean
 
 demo: $(VENV)/package
 	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
@@ -44,6 +48,10 @@ test: $(VENV)/package $(VENV)/tests $(VENV)/gnc
 test-core: $(VENV)/package $(VENV)/tests
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
 
+# Campaigns, benches, faults and the closed loop, at the smallest size that shows they work.
+test-evaluation: $(VENV)/package $(VENV)/tests $(VENV)/gnc
+	@$(PYTEST) $(ON_BOTH_CORES) -m 'not long' test/evaluation
+
 # The core in an environment of its own: with the oldest supported versions of what it needs, or with
 # the newest of the package index. Messages are those of the wheels.
 CORE_ALONE = @PYTHONSAFEPATH=1 $(<D)/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
@@ -56,7 +64,7 @@ test-newest: .venv-newest/package
 .venv-%/package: requirements-%.txt requirements-jazzy.txt $(SOURCES)
 	"$(PYTHON)" -m venv .venv-$*
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt -r requirements-jazzy.txt
-	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation .
+	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation $(PACKAGES)
 	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m startracker_ros.warm_up --install
 	@touch $@
 
@@ -110,12 +118,12 @@ $(VENV)/s3: $(VENV)/requirements requirements-s3.txt
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo '== package: installs it, then compiles its functions for this machine: a minute or two of processor time, once for the same sources'
-	@rm -rf build/lib
-	$(PIP_INSTALL) --no-deps --no-build-isolation .
+	@rm -rf build/lib evaluation/build
+	$(PIP_INSTALL) --no-deps --no-build-isolation $(PACKAGES)
 	@$(RUN) -m startracker_ros.warm_up --install
 	@touch $@
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 clean:
-	rm -rf .venv .venv-* build install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-* build evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -68,7 +68,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
                   f'{PACKAGE}.core.catalog': ['*.npz', '*.txt', 'LICENSE'],
-                  f'{PACKAGE}.evaluation.datasheet': ['*.j2'],
+                  f'{PACKAGE}.tools.datasheet': ['*.j2'],
                   f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js'],
                   f'{PACKAGE}.tools.trend': ['*.j2']},
     data_files=[

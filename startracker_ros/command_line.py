@@ -5,26 +5,23 @@
 
 import click
 from startracker_ros import __version__
-from startracker_ros.evaluation.cli.benches import bench
-from startracker_ros.evaluation.cli.campaigns import campaign
-from startracker_ros.evaluation.cli.closed_loop import demo_closed_loop
-from startracker_ros.evaluation.cli.instruments import datasheet, design
 from startracker_ros.tools.cli.bags import export, info, play, record, report
 from startracker_ros.tools.cli.flights import compare, reprocess, simulate, tracklets, trend
+from startracker_ros.tools.cli.instruments import datasheet, design
 from startracker_ros.tools.cli.nodes import demo, doctor, live, run
 from startracker_ros.tools.cli.outcome import Main
 from startracker_ros.tools.cli.photographs import calibrate, catalogue, night, solve
 from startracker_ros.tools.cli.telemetry import telemetry
 
 
-@click.group(cls=Main, context_settings={'help_option_names': ['-h', '--help']})
+@click.group(cls=Main, joined='startracker.commands', elsewhere=('bench', 'campaign'),
+             context_settings={'help_option_names': ['-h', '--help']})
 @click.version_option(__version__, prog_name='startracker')
 def main() -> None:
     """Star images to spacecraft attitude."""
 
 
 for _command in (run, live, solve, calibrate, catalogue, demo, record, play, info, report, export,
-                 doctor, campaign, bench, datasheet, design, night, telemetry, simulate,
-                 reprocess, compare, trend, tracklets):
+                 doctor, datasheet, design, night, telemetry, simulate, reprocess, compare, trend,
+                 tracklets):
     main.add_command(_command)
-demo.add_command(demo_closed_loop)

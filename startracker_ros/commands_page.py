@@ -13,6 +13,7 @@ import inspect
 import click
 from startracker_ros.command_line import main
 from startracker_ros.io.output import write_output
+from startracker_ros.tools.cli.outcome import Commands
 
 PAGE = 'docs/commands.md'
 _TEXT = """\
@@ -34,7 +35,7 @@ command prints the same.
 - **`--json`** prints one document `{"name", "conditions", "rows"}`. That of an error has no rows,
   and `error` and `status` besides; that of a demo, bench or campaign says in `commit`,
   `machine`, `date` and `code` where the figures are from. Kept as `docs/results/NAME.json` it is
-  a table of these pages: `python -m startracker_ros.evaluation.documents`.
+  a table of these pages: `python -m startracker_evaluation.documents`.
 - **Outputs** are written under another name and renamed when they are complete: a full disk leaves
   what was there before. A file needs a folder that is there; a folder for files is made.
 - **Terminals.** A table has as many columns as fit, all with `--wide`; on a narrow terminal its
@@ -74,8 +75,9 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
                 yield f'| `{_cell(option)}` | {_cell(meaning)} |'
             if command.epilog:
                 yield from ('', *_epilog(command.epilog))
-    for each, sub in sorted(getattr(command, 'commands', {}).items()):
-        yield from _sections(sub, f'{name} {each}')
+    if isinstance(command, Commands):
+        for each, sub in command.every().items():
+            yield from _sections(sub, f'{name} {each}')
 
 
 def _cell(text: str) -> str:

@@ -33,7 +33,7 @@ KINDS = {
     'io/bags/test_damage.py': 'slow',
     'evaluation/bench': 'slow',
     'evaluation/campaign': 'slow',
-    'evaluation/datasheet/test_datasheet.py': 'slow',
+    'tools/datasheet/test_datasheet.py': 'slow',
     'nodes': 'dds',
     'nodes/test_closed_loop_demo.py': 'slow',
     'nodes/test_demo.py': 'slow',
@@ -86,7 +86,7 @@ LONGEST = (
     'evaluation/bench/test_identification_bench.py',
     'evaluation/bench/test_lost_in_space.py',
     'evaluation/campaign/test_integrity_campaign.py',
-    'evaluation/datasheet/test_datasheet.py',
+    'tools/datasheet/test_datasheet.py',
     'core/identify/test_hausdorff.py',
     'tools/reprocess/test_reprocess.py',
 )
@@ -149,7 +149,7 @@ class InThisProcess:
 def one_process() -> Iterator[None]:
     """Run the pieces of campaigns and benches in this process; others test that of several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.evaluation.campaign.parallel.Processes', InThisProcess)
+        patch.setattr('startracker_ros.tools.parallel.Processes', InThisProcess)
         yield
 
 

@@ -4,7 +4,7 @@
 """
 Inputs and outputs of every stage as JSON, which a port in another language can be tested with.
 
-python test/golden_vectors.py writes test/data/golden; docs/library.md has their layout and units.
+python test/golden_vectors.py writes test/conformance, whose README has their layout and units.
 """
 
 from collections.abc import Callable, Iterator
@@ -40,7 +40,7 @@ from startracker_ros.core.track.association import (
 from startracker_ros.core.track.jpdaf import predict, update
 from startracker_ros.core.track.motion_models import constant_velocity, coordinated_turn
 
-FOLDER = Path(__file__).parent / 'data' / 'golden'
+FOLDER = Path(__file__).parent / 'conformance'
 EPOCH_YEAR = 2026.5
 # A turn about no special axis.
 Q = np.array([0.48, -0.36, 0.64, 0.48])

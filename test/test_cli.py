@@ -3,6 +3,7 @@
 
 """The command line: wrong use, bench rows, what is promised of README."""
 
+from importlib.metadata import EntryPoints
 import json
 from pathlib import Path
 import re
@@ -28,6 +29,21 @@ def test_the_two_commands_stand_in_the_first_screen():
     assert re.search('^demo:', makefile, re.MULTILINE)
     assert re.search('^test:', makefile, re.MULTILINE)
     assert 'make test' in (ROOT / '.ci' / 'run').read_text()
+
+
+@pytest.mark.parametrize('name, arguments', [
+    ('campaign', ['campaign', 'jpdaf']), ('bench', ['bench', 'jpda', '--trials', '1']),
+    ('closed-loop', ['demo', 'closed-loop'])])
+def test_a_command_of_evaluation_says_what_to_install(name, arguments, monkeypatch):
+    monkeypatch.setattr('startracker_ros.tools.cli.outcome.entry_points',
+                        lambda group: EntryPoints())
+    done = startracker(*arguments)
+    assert done.exit_code == 1
+    assert done.stderr == (
+        f'startracker: {name} is a command of startracker-evaluation, which is not installed: '
+        'pip install ./evaluation in a clone\n')
+    help_page = startracker('--help')
+    assert help_page.exit_code == 0 and 'campaign' not in help_page.stdout
 
 
 @pytest.mark.parametrize('arguments, words', [

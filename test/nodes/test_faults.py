@@ -5,9 +5,9 @@
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.evaluation.harness.fault_injection import inject, Times
-from startracker_ros.evaluation.harness.fault_rig import FaultRig
-from startracker_ros.evaluation.harness.faults import faults
+from startracker_evaluation.harness.fault_injection import inject, Times
+from startracker_evaluation.harness.fault_rig import FaultRig
+from startracker_evaluation.harness.faults import faults
 
 TIMES = Times(blind_s=6.0, stopped_s=4.0, dead_s=2.0, frames_s=2.0, orders=1)
 # One of each kind.

@@ -13,8 +13,8 @@ from lifecycle_msgs.srv import ChangeState
 from limits import HANGS_S
 import pytest
 import rclpy
+from startracker_evaluation.harness.random_transitions import NodeManager
 import startracker_ros
-from startracker_ros.evaluation.harness.random_transitions import NodeManager
 from startracker_ros.ros.diagnostics import Diagnostics, OK
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from skies import SMALL_CAMERA
+from startracker_evaluation.harness import latency
 from startracker_ros.core.catalog.stars import load_catalog
-from startracker_ros.evaluation.harness import latency
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator

@@ -11,12 +11,12 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.core.attitude.result import WRONG_SIGMAS
-from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
-from startracker_ros.evaluation.campaign.lifecycle import rows_of
-from startracker_ros.evaluation.harness.random_transitions import (
+from startracker_evaluation.campaign.lifecycle import rows_of
+from startracker_evaluation.harness.random_transitions import (
     ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, INACTIVE, NodeManager, RandomTransitions,
     UNCONFIGURED)
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
+from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES

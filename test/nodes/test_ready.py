@@ -15,8 +15,8 @@ from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from skies import START_NS
+from startracker_evaluation.harness.random_transitions import ACTIVE, NodeManager
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.evaluation.harness.random_transitions import ACTIVE, NodeManager
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos

@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign.resources import growth
-from startracker_ros.evaluation.campaign.soak import rows_of
-from startracker_ros.evaluation.harness.soak import NODES, Soak
+from startracker_evaluation.campaign.resources import growth
+from startracker_evaluation.campaign.soak import rows_of
+from startracker_evaluation.harness.soak import NODES, Soak
 # Half of a turn.
 FRAMES = 60
 
@@ -17,8 +17,8 @@ def result(tmp_path_factory):
     """Return what frames through the nodes showed, with several samples on the way."""
     folder = tmp_path_factory.mktemp('soak')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.evaluation.harness.soak.LOOP_FRAMES', 2 * FRAMES)
-        patch.setattr('startracker_ros.evaluation.harness.soak._SAMPLE_PERIOD_S', 0.2)
+        patch.setattr('startracker_evaluation.harness.soak.LOOP_FRAMES', 2 * FRAMES)
+        patch.setattr('startracker_evaluation.harness.soak._SAMPLE_PERIOD_S', 0.2)
         with Soak(folder, seed=3) as soak:
             return soak.run(FRAMES)
 

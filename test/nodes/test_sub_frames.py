@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from skies import FRAME
+from startracker_evaluation.campaign.integrity_motion import (
+    attitudes, by_rows, LINE_TIME_S, MotionCondition, onboard_stars)
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
-from startracker_ros.evaluation.campaign.integrity_motion import (
-    attitudes, by_rows, LINE_TIME_S, MotionCondition, onboard_stars)
-from startracker_ros.evaluation.campaign.integrity_tally import CAMERA, START_NS
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import centroids_to_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import camera_to_message
+from startracker_ros.tools.datasheet.tally import CAMERA, START_NS
 
 SUB_FRAMES, FRAMES, STEP_NS = 16, 40, 100_000_000
 SWAY = MotionCondition('sway', 0.2, 2.0, steady_deg_s=3.0)

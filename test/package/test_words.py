@@ -9,7 +9,8 @@ import re
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FILES = [path for folder in ('startracker_ros', 'test', 'docs', 'config', 'bags')
+FILES = [path for folder in (
+    'startracker_ros', 'evaluation/startracker_evaluation', 'test', 'docs', 'config', 'bags')
          for path in sorted((ROOT / folder).rglob('*'))
          if path.suffix in ('.py', '.md', '.yaml', '.js', '.html')
          and path != Path(__file__)] + [ROOT / 'README.md']

@@ -14,7 +14,8 @@ from startracker_ros.io.images.images import ImageError, read_image
 from startracker_ros.ros.messages.message_types import message_class
 
 ROOT = Path(__file__).parents[2]
-SOURCES = sorted([*ROOT.glob('startracker_ros/**/*.py'), *ROOT.glob('launch/*.py')])
+SOURCES = sorted([*ROOT.glob('startracker_ros/**/*.py'), *ROOT.glob('launch/*.py'),
+                  *ROOT.glob('evaluation/startracker_evaluation/**/*.py')])
 UNSAFE_MODULES = {'pickle', 'cPickle', 'dill', 'cloudpickle', 'joblib', 'marshal', 'shelve'}
 UNSAFE_CALLS = {
     'eval', 'exec', 'compile', '__import__', 'os.system', 'os.popen', 'subprocess.getoutput',
@@ -24,8 +25,8 @@ SAFE_LOADERS = {'yaml.SafeLoader', 'yaml.CSafeLoader'}
 # Modules named by a table in the code or, in message_types.py, by data that is checked below.
 MAY_IMPORT_BY_NAME = {
     'ros/messages/message_types.py', 'ros/node.py', 'tools/doctor/install.py',
-    'evaluation/bench/centroid.py', 'evaluation/cli/measurement.py',
-    'evaluation/bench/jpda.py',
+    'startracker_evaluation/bench/centroid.py', 'startracker_evaluation/cli/measurement.py',
+    'startracker_evaluation/bench/jpda.py',
     # Names of the package, out of signatures.json, which is installed with it.
     '__init__.py', 'core/compiled_types.py', 'warm_up.py',
     # Names beside the machine code that is run.
@@ -79,9 +80,8 @@ def test_no_source_runs_data():
 
 
 def test_modules_are_imported_by_name_only_where_it_is_reviewed():
-    importing = {path.relative_to(ROOT / 'startracker_ros').as_posix()
-                 for path in ROOT.glob('startracker_ros/**/*.py')
-                 if 'import_module(' in path.read_text()}
+    importing = {path.relative_to(ROOT / path.relative_to(ROOT).parts[0]).as_posix()
+                 for path in SOURCES if 'import_module(' in path.read_text()}
     assert importing <= MAY_IMPORT_BY_NAME
 
 

@@ -51,7 +51,8 @@ def _print_parameters(node: str) -> None:
             for row in node_rows(each)]), as_json=False)
 
 
-@click.group(cls=Commands, invoke_without_command=True,
+@click.group(cls=Commands, joined='startracker.demos', elsewhere=('closed-loop',),
+             invoke_without_command=True,
              subcommand_metavar='[COMMAND] [ARGS]...')
 @output_option('demo', 'Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,

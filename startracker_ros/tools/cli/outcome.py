@@ -10,11 +10,12 @@ Ctrl-C. 141: nobody reads its output any more. With --json an error is a documen
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import entry_points, EntryPoints
 import json
 import os
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, cast
 
 import click
 from startracker_ros.core.ctrl_c import INTERRUPTED
@@ -56,12 +57,44 @@ class NeedsArguments(click.Command):
 
 
 class Commands(NeedsArguments, click.Group):
-    """A group of commands, each listed with the whole of its first sentence."""
+    """
+    A group of commands, each listed with the whole of its first sentence.
+
+    joined names the entry points by which commands of other distributions join it; those of ours
+    that may not be installed are elsewhere, by name.
+    """
+
+    def __init__(self, *arguments: Any, joined: str = '', elsewhere: Sequence[str] = (),
+                 **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._joined, self._elsewhere = joined, elsewhere
+
+    def _entry_points(self) -> EntryPoints:
+        return entry_points(group=self._joined) if self._joined else EntryPoints()
+
+    def every(self) -> dict[str, click.Command]:
+        """Return all commands by name, with those of other distributions."""
+        context = click.Context(self)
+        return {name: cast(click.Command, self.get_command(context, name))
+                for name in self.list_commands(context)}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*super().list_commands(ctx), *self._entry_points().names})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        command = super().get_command(ctx, cmd_name)
+        if command is None:
+            for found in self._entry_points().select(name=cmd_name):
+                return cast(click.Command, found.load())
+            if cmd_name in self._elsewhere:
+                raise MissingLibraryError(
+                    f'{cmd_name} is a command of startracker-evaluation, which is not installed: '
+                    'pip install ./evaluation in a clone')
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        named = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         rows = [(name, command.get_short_help_str(limit=10 ** 6))
-                for name, command in named if command is not None and not command.hidden]
+                for name, command in self.every().items() if not command.hidden]
         with formatter.section('Commands'):
             formatter.write_dl(rows)
 
@@ -120,8 +153,8 @@ class Main(Commands):
         command: click.Command = self
         names = []
         for word in words:
-            if isinstance(command, click.Group) and word in command.commands:
-                command = command.commands[word]
+            if isinstance(command, Commands) and word in command.every():
+                command = command.every()[word]
                 names.append(word)
         return ' '.join(names)
 

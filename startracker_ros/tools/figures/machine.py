@@ -13,11 +13,12 @@ import sys
 
 import numpy as np
 import psutil
-from startracker_ros.core.extras import install_hint
 
 PACKAGE = 'startracker_ros'
 
 _SOURCES = Path(__file__).parents[2]
+# Where modules of the packages stand in the list of code.
+_PLACES = {PACKAGE: '', 'startracker_evaluation': 'evaluation'}
 _PRINTING = ('io', 'tools/cli', 'tools/figures', 'evaluation/cli')
 
 _BUSY_STEAL = 0.1
@@ -49,12 +50,13 @@ def _commit() -> str:
 
 
 def _loaded_code() -> list[str]:
-    """Return the folders of the loaded modules, and the modules that measure, in the package."""
-    files = [getattr(module, '__file__', None) for name, module in sys.modules.items()
-             if name.startswith(f'{PACKAGE}.')]
-    paths = [Path(file).relative_to(_SOURCES) for file in files if file]
+    """Return the folders of the loaded modules of the package, and the modules that measure."""
+    names = [name.split('.') for name, module in sys.modules.items()
+             if not hasattr(module, '__path__')]
+    paths = [Path(_PLACES[package], *rest).with_suffix('.py')
+             for package, *rest in names if package in _PLACES]
     return sorted({(path if path.parts[0] == 'evaluation' else path.parent).as_posix()
-                   for path in paths if path.name != '__init__.py' and len(path.parts) > 1
+                   for path in paths if len(path.parts) > 1
                    and not path.as_posix().startswith(_PRINTING)})
 
 
@@ -65,12 +67,6 @@ def installed_version(package: str) -> str:
     except metadata.PackageNotFoundError:
         # This one may run out of its sources.
         return 'this' if package == PACKAGE else ''
-
-
-def peer_versions(*packages: str) -> dict[str, str]:
-    """Return the version of each peer, or how to install it."""
-    return {package: installed_version(package) or f'absent: {install_hint("bench")}'
-            for package in packages}
 
 
 def scheduling() -> str:

@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.protection import exceedance, Field, probability_of
 from startracker_ros.core.attitude.protection import (
     is_covariance, protection_level, ProtectionOptions)
-from startracker_ros.evaluation.campaign.protection import exceedance, Field, probability_of
 
 FIELD = Field.random(14, np.random.default_rng(3))
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.fisheyes import (
+    draw_cropped, draw_mirrored, draw_night, EPOCH_YEAR, NO_SKIES, PROJECTIONS,
+    run_fisheyes_campaign, SHAPES, SKIES, spots)
+from startracker_evaluation.campaign.lenses import accepted_lens
 from startracker_ros.core.calibration.unknown_lens import (
     FISHEYES, neighbours, RECTILINEAR, UnknownLensIdentifier)
 from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.evaluation.campaign.fisheyes import (
-    draw_cropped, draw_mirrored, draw_night, EPOCH_YEAR, NO_SKIES, PROJECTIONS,
-    run_fisheyes_campaign, SHAPES, SKIES, spots)
-from startracker_ros.evaluation.campaign.lenses import accepted_lens
 
 LONG = {'equisolid', 'orthographic', 'stereographic'}
 

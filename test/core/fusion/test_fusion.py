@@ -8,6 +8,9 @@ import itertools
 from chi_square import check_mean
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.heads_scene import (
+    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY,
+    WRONG_GYROS)
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame, HeadState
@@ -16,9 +19,6 @@ from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
-from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY,
-    WRONG_GYROS)
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)

@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.heads_scene import NAMES, Scene, SceneRun
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
 from startracker_ros.core.fusion.mounts import (
@@ -12,7 +13,6 @@ from startracker_ros.core.fusion.mounts import (
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.steps import BLOCK_S, StepDetector
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, conjugate, multiply
-from startracker_ros.evaluation.campaign.heads_scene import NAMES, Scene, SceneRun
 
 MOUNT = np.array([0.5, 0.5, 0.5, 0.5])
 VARIANCE, NO_LAW = (ARCSEC * np.array([1, 1, 11])) ** 2, np.empty(0)

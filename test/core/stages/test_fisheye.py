@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from startracker_evaluation.campaign.fisheyes import draw_night, EPOCH_YEAR as NIGHT_YEAR
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
@@ -15,7 +16,6 @@ from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
-from startracker_ros.evaluation.campaign.fisheyes import draw_night, EPOCH_YEAR as NIGHT_YEAR
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 from skies import frame
+from startracker_evaluation.campaign.fisheyes import draw_night
+from startracker_evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
 import startracker_ros as st
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera, CameraError
@@ -19,8 +21,6 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_ros.evaluation.campaign.fisheyes import draw_night
-from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.io.images.images import (
     given_camera, ImageError, read_image, read_photograph)
 from startracker_ros.io.output import OutputError

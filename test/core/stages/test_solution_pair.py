@@ -13,7 +13,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     angle_between, conjugate, matrix_from_quaternion, rotate, unit_from_radec)
 from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_ros.evaluation.campaign.fisheyes import (
+from startracker_evaluation.campaign.fisheyes import (
     draw_cropped, draw_night, EPOCH_YEAR as NIGHT_YEAR)
 from startracker_ros.io.images.images import read_image
 

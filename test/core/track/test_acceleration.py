@@ -6,11 +6,11 @@
 import numpy as np
 import pytest
 from scipy.stats import norm
+from startracker_evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.maths.rotation import ARCSEC, multiply, quaternion_from_rotation_vector
 from startracker_ros.core.track.acceleration import (
     AngularAcceleration, lacking, MISSED, STEADY)
-from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 DT_S, SIGMA = 0.1, 0.4 * ARCSEC

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.integrity_motion import (
+    attitudes, by_rows, MotionCondition, onboard_stars)
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.frame_motion import rate_between_frames
-from startracker_ros.evaluation.campaign.integrity_motion import (
-    attitudes, by_rows, MotionCondition, onboard_stars)
-from startracker_ros.evaluation.campaign.integrity_tally import CAMERA, EPOCH_YEAR, START_NS
+from startracker_ros.tools.datasheet.tally import CAMERA, EPOCH_YEAR, START_NS
 
 LINE_TIME_S = 80e-6
 FAST = MotionCondition('sway', 0.0, 1.0, steady_deg_s=5.0)

@@ -8,10 +8,10 @@ import json
 from commands import invoke
 import numpy as np
 import pytest
+from startracker_evaluation.bench.attitude import (
+    consistency_rows, draw, error_rows, Errors, measure, PEER, time_rows)
 from startracker_ros.core.attitude.estimate import SOLVERS
 from startracker_ros.core.maths.rotation import ARCSEC, rotate
-from startracker_ros.evaluation.bench.attitude import (
-    consistency_rows, draw, error_rows, Errors, measure, PEER, time_rows)
 
 
 def test_draws_are_as_described_and_repeatable():

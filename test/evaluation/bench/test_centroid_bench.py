@@ -8,8 +8,8 @@ import json
 from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.evaluation.bench.centroid import bounds, Ours, PEERS, Tally
-from startracker_ros.evaluation.bench.star_images import flux_e, SIZE_PX, star_image, STARS
+from startracker_evaluation.bench.centroid import bounds, Ours, PEERS, Tally
+from startracker_evaluation.bench.star_images import flux_e, SIZE_PX, star_image, STARS
 
 
 def test_images_are_as_described_and_repeatable():

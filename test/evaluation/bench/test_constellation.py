@@ -4,7 +4,7 @@
 """The bench of a constellation: of 50 GB the store gives megabytes, the rows of a year agree."""
 
 import pytest
-from startracker_ros.evaluation.bench import constellation
+from startracker_evaluation.bench import constellation
 
 
 @pytest.fixture(scope='module')

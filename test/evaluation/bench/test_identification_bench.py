@@ -9,17 +9,17 @@ from types import SimpleNamespace
 from commands import invoke
 import numpy as np
 import pytest
+from startracker_evaluation.bench import lost_in_space, narrow_field
+from startracker_evaluation.bench.identification import (
+    Case, CASES, EPOCH_YEAR, frame, imaged_sky, Outcome, run_identification_bench, solve_frames,
+    VIEWS)
+from startracker_evaluation.bench.lost_in_space import CORRECT, UNSOLVED, WRONG
+from startracker_evaluation.bench.narrow_field import VIEWS as NARROW_VIEWS
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
-from startracker_ros.evaluation.bench import lost_in_space, narrow_field
-from startracker_ros.evaluation.bench.identification import (
-    Case, CASES, EPOCH_YEAR, frame, imaged_sky, Outcome, run_identification_bench, solve_frames,
-    VIEWS)
-from startracker_ros.evaluation.bench.lost_in_space import CORRECT, UNSOLVED, WRONG
-from startracker_ros.evaluation.bench.narrow_field import VIEWS as NARROW_VIEWS
 from startracker_ros.tools.figures.correctness import is_correct
 
 MODELS = [name for name, case in CASES.items() if not case.false]
@@ -90,7 +90,7 @@ def test_the_command_prints_rows_that_hold(one_process):
 ])
 def test_bounds_can_fail(monkeypatch, case, solved, correct, failing):
     outcome = Outcome(np.array(solved), np.array(correct), np.full(2, 1e-3))
-    monkeypatch.setattr('startracker_ros.evaluation.bench.identification.parallel_trials',
+    monkeypatch.setattr('startracker_evaluation.bench.identification.parallel_trials',
                         lambda work, cases, *_, **__: [
                             outcome if view.name == 'A12' else Outcome(*np.ones((3, 2), bool))
                             for view, _ in cases])

@@ -11,12 +11,12 @@ from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
-from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.evaluation.bench.corpus import ALL_CELLS, Cell, CELLS, frames, View, VIEWS
-from startracker_ros.evaluation.bench.lost_in_space import (
+from startracker_evaluation.bench.corpus import ALL_CELLS, Cell, CELLS, frames, View, VIEWS
+from startracker_evaluation.bench.lost_in_space import (
     bounds, CORRECT, database_row, databases, kind_of, run_lost_in_space_bench, solve_frames,
     UNSOLVED, WRONG)
-from startracker_ros.evaluation.bench.peers import Cedar, Database, PeerError, solvers
+from startracker_evaluation.bench.peers import Cedar, Database, PeerError, solvers
+from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 
 A12 = VIEWS['A12']
 EASY = Cell(sigma_px=0.0)

@@ -9,9 +9,9 @@ import shutil
 
 import numpy as np
 import pytest
+from startracker_evaluation.bench import astrometry_net
+from startracker_evaluation.bench.real_sky import run_real_sky_bench
 from startracker_ros.core.maths.rotation import unit_from_radec
-from startracker_ros.evaluation.bench import astrometry_net
-from startracker_ros.evaluation.bench.real_sky import run_real_sky_bench
 
 FOLDER = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from startracker_ros.evaluation.bench.smear import (
+from startracker_evaluation.bench.smear import (
     bounds_px, Errors, flux_of, measure, random_scene, rows, run_smear_bench, SNRS, STREAKS_PX)
 
 RNG_SEED = 4

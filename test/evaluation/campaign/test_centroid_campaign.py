@@ -8,10 +8,10 @@ import json
 from commands import invoke
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.centroid import (
+    conclusions, FACTORS, Photograph, without_lens)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.moments import WEIGHTS
-from startracker_ros.evaluation.campaign.centroid import (
-    conclusions, FACTORS, Photograph, without_lens)
 
 
 @pytest.fixture(scope='module')

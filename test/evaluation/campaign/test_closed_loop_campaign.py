@@ -6,7 +6,7 @@
 from dataclasses import replace
 
 import numpy as np
-from startracker_ros.evaluation.campaign.closed_loop import Faults, row_of, run, RunResult
+from startracker_evaluation.campaign.closed_loop import Faults, row_of, run, RunResult
 
 GOOD = RunResult(frames=2000, fine=True, in_control=True, wrong=0, gross=0, used=1800,
                  settle_s=20.0, rms_arcsec=(0.4, 0.5, 5.0), hold_s=30.0, wall_s=20.0)

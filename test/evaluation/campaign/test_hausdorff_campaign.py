@@ -8,8 +8,8 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign import hausdorff
-from startracker_ros.evaluation.campaign.hausdorff import (
+from startracker_evaluation.campaign import hausdorff
+from startracker_evaluation.campaign.hausdorff import (
     CELLS, directions, FiveStarStructures, FRAMES, PUBLISHED, run_hausdorff_campaign, stored_sets)
 
 CELLS_TO_RUN = (('pivot', 5.5), ('segment', 6.0))

@@ -5,8 +5,8 @@
 
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign import heads
-from startracker_ros.evaluation.campaign.heads_scene import SIGMA_ARCSEC
+from startracker_evaluation.campaign import heads
+from startracker_evaluation.campaign.heads_scene import SIGMA_ARCSEC
 
 
 @pytest.fixture(autouse=True)

@@ -10,14 +10,15 @@ from commands import invoke
 import numpy as np
 import pytest
 from skies import SMALL_CAMERA
+from startracker_evaluation.campaign import integrity
+from startracker_evaluation.campaign.integrity import CONDITIONS, integrity_runs, LIST_RUNS
+from startracker_evaluation.campaign.integrity_images import IMAGE_CONDITIONS
+from startracker_evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.evaluation.campaign import integrity
-from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs, LIST_RUNS
-from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
-from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
-from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of, tally_of_rate
-from startracker_ros.evaluation.campaign.parallel import split_trials
 from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.tools.datasheet.image_runs import image_run
+from startracker_ros.tools.datasheet.tally import Tally, tally_of, tally_of_rate
+from startracker_ros.tools.parallel import split_trials
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
               'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']

@@ -11,15 +11,15 @@ from commands import invoke
 import cv2
 import numpy as np
 import pytest
+from startracker_evaluation.campaign import jpdaf as campaign, jpdaf_methods, jpdaf_runs
+from startracker_evaluation.campaign.jpdaf_methods import (
+    AS_PUBLISHED, METHODS, tracker_options, VARIANTS, velocity_changes)
+from startracker_evaluation.campaign.jpdaf_runs import (
+    CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S, PUBLISHED)
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.motion_models import (
     constant_velocity, coordinated_turn, image_jacobian)
-from startracker_ros.evaluation.campaign import jpdaf as campaign, jpdaf_methods, jpdaf_runs
-from startracker_ros.evaluation.campaign.jpdaf_methods import (
-    AS_PUBLISHED, METHODS, tracker_options, VARIANTS, velocity_changes)
-from startracker_ros.evaluation.campaign.jpdaf_runs import (
-    CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S, PUBLISHED)
 import yaml
 
 STILL, SHAKEN, TURNING = (Cell('linear', 0.0, 0.01), Cell('linear', 0.5, 0.01),

@@ -9,8 +9,8 @@ import re
 
 from commands import invoke
 import pytest
-from startracker_ros.evaluation.campaign import papers
-from startracker_ros.evaluation.campaign.paper_claims import Claim, Paper, PAPERS
+from startracker_evaluation.campaign import papers
+from startracker_evaluation.campaign.paper_claims import Claim, Paper, PAPERS
 from startracker_ros.io.table import Result
 
 

@@ -9,7 +9,7 @@ from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign.quad import CAMERA, orbit_frames, sky_frames
+from startracker_evaluation.campaign.quad import CAMERA, orbit_frames, sky_frames
 
 
 @pytest.fixture(scope='module')

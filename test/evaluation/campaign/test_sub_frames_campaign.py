@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign import sub_frames
+from startracker_evaluation.campaign.sub_frames import sub_frame_runs, SUB_FRAMES
 from startracker_ros.core.frame_result import Attitude
-from startracker_ros.evaluation.campaign import sub_frames
-from startracker_ros.evaluation.campaign.sub_frames import sub_frame_runs, SUB_FRAMES
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.evaluation.campaign.two_satellite_scene import ALL, Scene
+from startracker_evaluation.campaign.two_satellite_scene import ALL, Scene
 
 
 @pytest.fixture(scope='module')

@@ -6,11 +6,11 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from startracker_ros.core.maths.rotation import (
-    conjugate, matrix_from_quaternion, multiply, random_attitude)
-from startracker_ros.evaluation.gnc.basilisk_messages import (
+from startracker_evaluation.gnc.basilisk_messages import (
     MeasurementError, mrp_from_quaternion, navigation_payload, quaternion_from_mrp,
     star_tracker_payload)
+from startracker_ros.core.maths.rotation import (
+    conjugate, matrix_from_quaternion, multiply, random_attitude)
 
 Q = np.array([0.1, -0.3, 0.5, 0.8]) / np.linalg.norm([0.1, -0.3, 0.5, 0.8])
 MANY = [random_attitude(np.random.default_rng(seed)) for seed in range(200)]

@@ -5,8 +5,8 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.gnc.guidance import Slew
 from startracker_ros.core.maths.rotation import attitude_error, random_attitude, rotate
-from startracker_ros.evaluation.gnc.guidance import Slew
 
 AXIS = np.array([0.6, 0.0, 0.8])
 SLEW = Slew(random_attitude(np.random.default_rng(1)), AXIS, np.radians(90.0), 5.0)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from pictures import assert_legible
 import pytest
+from startracker_evaluation.gnc.camera import FrameFault, Observation
+from startracker_evaluation.gnc.history import draw, History, rows_of
+from startracker_evaluation.gnc.loop import ClosedLoop
+from startracker_evaluation.gnc.navigation import Navigation
+from startracker_evaluation.gnc.plan import Phase, Plan, PlanOptions
+from startracker_evaluation.gnc.spacecraft import LATENCY_NS, Spacecraft, SpacecraftOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, random_attitude)
-from startracker_ros.evaluation.gnc.camera import FrameFault, Observation
-from startracker_ros.evaluation.gnc.history import draw, History, rows_of
-from startracker_ros.evaluation.gnc.loop import ClosedLoop
-from startracker_ros.evaluation.gnc.navigation import Navigation
-from startracker_ros.evaluation.gnc.plan import Phase, Plan, PlanOptions
-from startracker_ros.evaluation.gnc.spacecraft import LATENCY_NS, Spacecraft, SpacecraftOptions
 
 SIGMA = np.array([1.0, 1.0, 10.0]) * ARCSEC
 PLAN = PlanOptions(acquire_s=5.0, slew_rad=np.radians(10.0), settle_s=50.0, fine_s=10.0,
@@ -91,7 +91,7 @@ def test_the_figures_hold_and_can_be_drawn(history, tmp_path):
 
 def test_the_phases_and_all_texts_are_legible_in_the_picture(history, monkeypatch):
     figures = []
-    monkeypatch.setattr('startracker_ros.evaluation.gnc.history.write_picture',
+    monkeypatch.setattr('startracker_evaluation.gnc.history.write_picture',
                         lambda path, figure, **options: figures.append(figure))
     draw(Path('loop.png'), history, 'loop')
     assert_legible(figures[0])

@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.gnc.navigation import Navigation, NavigationOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
-from startracker_ros.evaluation.gnc.navigation import Navigation, NavigationOptions
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 INERTIA = np.array([11.0, 9.0, 10.0])

@@ -12,7 +12,7 @@ import lz4.frame
 from mcap.writer import CompressionType, Writer
 import pytest
 from rosbags.rosbag2 import Reader
-from startracker_ros.evaluation.bench.bag_fuzz import examine, fuzz
+from startracker_evaluation.bench.bag_fuzz import examine, fuzz
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.info import describe
 from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile

@@ -16,6 +16,9 @@ import numpy as np
 import pyarrow
 from pyarrow import parquet
 import pytest
+from startracker_evaluation.bench import own_catalogue
+from startracker_evaluation.bench.own_catalogue import (
+    image_of_sky, random_spots, run_own_catalogue_bench, simulated_stars, solve_list)
 import startracker_ros as st
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import TILED_OFFSET
@@ -28,9 +31,6 @@ from startracker_ros.core.identify.tiled import (
     Fields, Place, QUAD_DENSITY, QUAD_INNER, side_range_deg, TiledIdentifier)
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, unit_from_radec)
-from startracker_ros.evaluation.bench import own_catalogue
-from startracker_ros.evaluation.bench.own_catalogue import (
-    image_of_sky, random_spots, run_own_catalogue_bench, simulated_stars, solve_list)
 from startracker_ros.io.images.images import read_photograph
 from startracker_ros.tools.catalogue import build
 from startracker_ros.tools.catalogue.build import build_catalogue

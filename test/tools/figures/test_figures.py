@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from startracker_evaluation.extras import peer_versions
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_rotation_vector
 from startracker_ros.io.table import Result, show
 from startracker_ros.tools.figures import machine
@@ -133,6 +134,6 @@ def test_steal_time_is_that_since_the_start(monkeypatch):
 
 
 def test_versions_of_what_is_not_installed_say_how_to_install_it():
-    versions = machine.peer_versions('numpy', 'no-such-package')
+    versions = peer_versions('numpy', 'no-such-package')
     assert versions['numpy'] == np.__version__ and 'pip install' in versions['no-such-package']
     assert machine.machine('load 1').endswith(f'NumPy {np.__version__}, load 1')
