@@ -18,6 +18,7 @@ import click
 from commands import invoke
 import cv2
 from limits import HANGS_S
+import numpy as np
 import pytest
 from startracker_ros.command_line import main
 from startracker_ros.commands_page import PAGE, page_text
@@ -350,6 +351,69 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder, process):
         _, stderr = solve.communicate(timeout=HANGS_S)
     assert solve.returncode == 130
     assert stderr.strip() == 'startracker: stopped'
+
+
+def used_s(pid):
+    """Return the processor time of a process."""
+    fields = Path('/proc', str(pid), 'stat').read_text().rpartition(')')[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf('SC_CLK_TCK')
+
+
+def test_ctrl_c_ends_a_search_at_once_whenever_it_comes(folder, process, monkeypatch):
+    # It builds its databases in compiled functions, up to half a second each.
+    monkeypatch.setenv('XDG_CACHE_HOME', str(folder / 'cache'))
+    rng = np.random.default_rng(1)
+    image = rng.normal(20, 2, (768, 1024))
+    for v, u in rng.integers(5, 760, (60, 2)):
+        image[v - 1:v + 2, u - 1:u + 2] += 60
+    cv2.imwrite('no_sky.png', image.clip(0, 255).astype(np.uint8))
+    took_s = []
+    for moment_s in (0.06, 0.3, 0.9, 1.5, 2.0, 2.5, 3.0):
+        solve = process('solve', 'no_sky.png', stdout=subprocess.PIPE)
+        while used_s(solve.pid) < moment_s:
+            assert solve.poll() is None
+            time.sleep(0.002)
+        begin_s = time.monotonic()
+        os.killpg(solve.pid, signal.SIGINT)
+        stdout, stderr = solve.communicate(timeout=HANGS_S)
+        took_s.append(time.monotonic() - begin_s)
+        assert (solve.returncode, stdout) == (130, ''), moment_s
+        assert stderr.splitlines()[-1] == 'startracker: stopped' and 'Traceback' not in stderr
+    # On a busy machine one may wait for a processor.
+    assert sorted(took_s)[-2] < 0.5, took_s
+    assert not [*folder.rglob('*.part')]
+
+
+@pytest.mark.parametrize('line', [
+    ['reprocess', BAG, '-o', 'out'], ['calibrate', *IMAGES, '--fov-deg', '11', '-o', 'o.yaml'],
+    ['bench', 'attitude'], ['night', BAG, '--camera', 'none.yaml'], ['demo', '-o', 'out']],
+    ids=lambda line: line[0])
+def test_ctrl_c_ends_any_command_while_it_loads(folder, process, line):
+    (folder / 'none.yaml').touch()
+    command = process(*line, stdout=subprocess.DEVNULL)
+    while used_s(command.pid) < 0.3:
+        assert command.poll() is None
+        time.sleep(0.002)
+    os.killpg(command.pid, signal.SIGINT)
+    _, stderr = command.communicate(timeout=HANGS_S)
+    assert (command.returncode, stderr) == (130, 'startracker: stopped\n')
+
+
+def test_ctrl_c_deletes_what_is_half_written(folder):
+    code = ('import signal, time\nfrom pathlib import Path\n'
+            'from startracker_ros.core.ctrl_c import end_at_once\n'
+            'from startracker_ros.core.folders import replaced\n'
+            'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
+            'end_at_once()\n'
+            'with replaced(Path("out/file")) as file:\n'
+            '    file.write(b"half")\n'
+            '    print("half", flush=True)\n'
+            '    time.sleep(300)\n')
+    with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True) as half:
+        assert half.stdout.readline() == 'half\n' and len([*(folder / 'out').iterdir()]) == 1
+        half.send_signal(signal.SIGINT)
+        assert half.wait(HANGS_S) == 130
+    assert not [*(folder / 'out').iterdir()]
 
 
 @pytest.mark.parametrize('at_work', [False, True], ids=['starting', 'working'])

@@ -187,6 +187,20 @@ def test_a_full_disk_is_told_and_the_recorder_lives_on(probe, tmp_path):
     assert len(kept) >= 10 and kept == [f'{number:05d}' for number in range(len(kept))]
 
 
+def test_ctrl_c_while_the_recorder_is_imported_leaves_a_bag(tmp_path):
+    recorder = subprocess.Popen(
+        [sys.executable, '-m', 'startracker_ros', 'record', '-o', str(tmp_path / 'bag')],
+        stderr=subprocess.PIPE, text=True)
+    command = Path('/proc', str(recorder.pid), 'cmdline')
+    while b'bag_recorder' not in command.read_bytes():
+        assert recorder.poll() is None
+        time.sleep(0.005)
+    recorder.send_signal(signal.SIGINT)
+    _, errors = recorder.communicate(timeout=HANGS_S)
+    assert recorder.returncode == 0 and 'Traceback' not in errors, errors
+    assert '0 messages of 0 topics, 0 lost' in errors
+
+
 def test_the_command_makes_a_bag_of_files(probe, tmp_path):
     recorder = subprocess.Popen(
         [sys.executable, '-m', 'startracker_ros', 'record', '/split', '-o', str(tmp_path / 'bag'),

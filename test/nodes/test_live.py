@@ -4,6 +4,10 @@
 """startracker live on a video in place of a camera: lens, attitude, page and bag of one run."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from threading import Thread
 import time
 from urllib.request import urlopen
@@ -160,3 +164,24 @@ def test_what_gives_no_images_is_named(tmp_path):
     cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((64, 64), np.uint8))
     with pytest.raises(HarnessError, match='no image is solved'):
         run_live(tmp_path, CaptureOptions(device=str(tmp_path / '*.png')), fov_deg=20.0)
+
+
+@pytest.mark.parametrize('moment', ['composed_pipeline.log', 'camera_source.log'])
+def test_ctrl_c_of_a_terminal_ends_it_in_order(ran, video, tmp_path, moment):
+    """While its nodes are imported, and while they work: to all of its process group."""
+    live = subprocess.Popen(
+        [sys.executable, '-m', 'startracker_ros', 'live', '--device', str(video), '--camera',
+         str(ran[0] / 'camera.yaml'), '--port', '0', '-o', str(tmp_path), '--record', '--json'],
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        end_s = time.monotonic() + HANGS_S
+        while not (tmp_path / 'logs' / moment).exists():
+            assert live.poll() is None and time.monotonic() < end_s
+            time.sleep(0.01)
+        os.killpg(live.pid, signal.SIGINT)
+        stdout, stderr = live.communicate(timeout=HANGS_S)
+    finally:
+        live.kill()
+    assert live.returncode == 0 and json.loads(stdout)['name'] == 'live', stderr
+    assert 'Traceback' not in stderr and 'cleanly' not in stderr
+    assert not any('Traceback' in log.read_text() for log in (tmp_path / 'logs').iterdir())

@@ -12,7 +12,7 @@ import sys
 
 from startracker_ros.core.extras import check_numba, MissingLibraryError, OLDEST_NUMBA
 from startracker_ros.core.folders import (
-    CACHE_VARIABLE, cache_folder, cached_files, can_write, most_cache_bytes)
+    cache_folder, CACHE_VARIABLE, cached_files, can_write, most_cache_bytes)
 from startracker_ros.core.machine_code import (
     machine_code_folder, missing_modules, registered_modules)
 from startracker_ros.ros.executables import EXECUTABLES
