@@ -58,6 +58,9 @@ def test_the_example_names_topics_and_frames_that_exist():
     assert parameters['imu0'] == 'attitude_imu' and len(parameters['imu0_config']) == 15
     defaults = {row.name: row.default for row in tables.node_rows('attitude_estimator')}
     assert parameters['world_frame'] == defaults['inertial_frame_id']
-    assert parameters['base_link_frame'] == defaults['sensor_frame_id']
+    # The attitude has the frame of the images.
+    assert defaults['sensor_frame_id'] == ''
+    assert parameters['base_link_frame'] == {
+        row.name: row.default for row in tables.node_rows('camera_source')}['sensor_frame_id']
     assert 'attitude_imu_valid_only' in defaults and (
         'attitude_imu_valid_only: true' in EXAMPLE.read_text())
