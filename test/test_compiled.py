@@ -59,7 +59,7 @@ for line in sys.stdin:
 NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
     '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
-    'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
+    'ctrl_c', 'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
 
 
 def copy_of(tree):
