@@ -59,14 +59,16 @@ for line in sys.stdin:
 NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
     '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
-    'ctrl_c', 'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
+    'ctrl_c', 'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion',
+    'maths/__init__', 'maths/quaternion', 'maths/rotation')))
 
 
 def copy_of(tree):
     """Return a copy of what the compiled lens needs, in which nothing is registered."""
     source = Path(startracker_ros.__file__).parent
     copy = tree / 'startracker_ros'
-    (copy / 'core' / 'camera').mkdir(parents=True)
+    for folder in ('camera', 'maths'):
+        (copy / 'core' / folder).mkdir(parents=True)
     for name in FILES:
         # As pip does, which gives files the time of the build.
         shutil.copyfile(source / name, copy / name)

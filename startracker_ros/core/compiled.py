@@ -20,7 +20,7 @@ _Function = TypeVar('_Function', bound=Callable)
 
 def _compiler(**options: Any) -> Callable[[_Function], _Function]:
     """Return the decorator of functions that are compiled with options of numba."""
-    # Other threads run meanwhile, as the one that Ctrl-C wakes.
+    # Other threads run meanwhile, as the one that Ctrl-C wakes and the executor during a search.
     # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
     # Nobody calls these functions by C pointers.
     options = {'error_model': 'numpy', 'no_cfunc_wrapper': True, 'nogil': True, **options}
@@ -49,5 +49,3 @@ fused = _compiler(fastmath={'contract'})
 # Nor is the order of a sum fixed, so that several of its terms are added at once.
 reordered = _compiler(fastmath={'contract', 'reassoc'})
 inlined = _compiler(inline='always')
-# Other threads run meanwhile: for searches, which may take long.
-unlocked = _compiler(nogil=True)

@@ -23,7 +23,7 @@ def test_only_the_newest_camera_is_built_after_the_one_in_progress():
     for number in range(5):
         for older in setups:
             older.superseded = True
-        setups.append(CameraSetup(camera, 2026.5, lambda number=number: build(number)))
+        setups.append(CameraSetup(camera, lambda number=number: build(number)))
         assert started.wait(HANGS_S)
     go_on.set()
     for setup in setups:

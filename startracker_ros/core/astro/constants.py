@@ -15,6 +15,9 @@ DAYS_PER_YEAR = 365.25
 YEAR_S = DAYS_PER_YEAR * DAY_S
 """Julian year in s."""
 
+FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
+"""Years for which the series of the Earth hold (ERFA, epv00)."""
+
 EARTH_MU_M3_S2 = 3.986004418e14
 """Gravitational parameter of the Earth with atmosphere (IERS Conventions 2010, table 1.1)."""
 

@@ -5,10 +5,8 @@
 
 import erfa
 import numpy as np
-from startracker_ros.core.astro.constants import AU_M, DAY_S, DAYS_PER_YEAR
-
-FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
-"""Years for which the series hold (ERFA, epv00)."""
+from startracker_ros.core.astro.constants import (
+    AU_M, DAY_S, DAYS_PER_YEAR, FIRST_YEAR, LAST_YEAR)
 
 _J2000_JD = 2451545.0
 

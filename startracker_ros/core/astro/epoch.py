@@ -8,8 +8,7 @@ from numbers import Integral, Real
 import time
 from typing import Any, NamedTuple
 
-from startracker_ros.core.astro.constants import DAYS_PER_YEAR, YEAR_S
-from startracker_ros.core.astro.earth import LAST_YEAR
+from startracker_ros.core.astro.constants import DAYS_PER_YEAR, LAST_YEAR, YEAR_S
 
 RESTART_NS = 1_000_000_000
 """Stamps that step back by more come from a restarted simulation or a looped bag."""

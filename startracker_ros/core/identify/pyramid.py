@@ -32,7 +32,7 @@ from startracker_ros.core.camera.lens import Lens, plane_points
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.compiled import compiled, unlocked
+from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.association import count_matched, fit
 from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.clock import search_clock, SearchClock, time_is_up
@@ -205,7 +205,7 @@ class PyramidIdentifier(Identifier):
         return self.no_candidate(centroids, used, tested, false_alarm)
 
 
-@unlocked
+@compiled
 def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_px: np.ndarray,
               max_stars: int, sigma_floor_px: float, false_alarm_max: float, deadline_s: float,
               most_ns: float, until_s: np.ndarray

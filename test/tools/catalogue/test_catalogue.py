@@ -407,13 +407,16 @@ def test_a_catalogue_that_does_not_cover_an_image_is_named(tmp_path, catalogue, 
     assert words in solution.reason and str(out) in solution.reason
 
 
-def test_arguments_that_do_not_go_together_are_refused(catalogue):
+def test_arguments_that_do_not_go_together_are_refused(catalogue, tmp_path):
     camera = Camera.from_fov(64, 48, 0.5)
     image = np.zeros((48, 64), np.uint8)
     with pytest.raises(ValueError, match='either catalogue or camera'):
         st.solve(image, camera=camera, catalogue=catalogue.folder)
     with pytest.raises(ValueError, match='give catalogue as well'):
         st.solve(image, near_deg=(0, 0))
-    for arguments in (('--near', '1', '2'), ('--near', '1', '95', '--catalogue', 'x')):
-        assert invoke('solve', 'x.png', *arguments).exit_code == 2
-    assert invoke('catalogue', 'x.csv', '-o', 'y', '--column', 'colour=z').exit_code == 2
+    there = tmp_path / 'there'
+    there.touch()
+    for arguments in (('--near', '1', '2'),
+                      ('--near', '1', '95', '--catalogue', str(tmp_path))):
+        assert invoke('solve', str(there), *arguments).exit_code == 2
+    assert invoke('catalogue', str(there), '-o', 'y', '--column', 'colour=z').exit_code == 2

@@ -231,7 +231,7 @@ def test_the_command_says_what_cannot_be_done(run: Path, tmp_path: Path) -> None
     empty = write_run(tmp_path / 'empty', leave_out=('attitude', 'attitude_cov', 'attitude_imu'))
     (tmp_path / 'file').write_text('')
     for arguments, status, words in (
-            ([str(tmp_path / 'none')], 1, 'does not exist'),
+            ([str(tmp_path / 'none')], 1, 'none: No such file or directory'),
             ([str(empty), '-o', str(tmp_path / 'out')], 1, 'holds no attitude'),
             ([str(run), '-o', str(tmp_path / 'file' / 'out')], 1, 'Not a directory'),
             ([str(run), '--object-id', 'a\nb'], 2, 'printable ASCII'),

@@ -332,7 +332,7 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
     assert numbers['errors beyond protection level'] == (0, 'frames', None)
     assert numbers['image to attitude, p50 / p95'] == (pytest.approx(19), 'ms', pytest.approx(19))
     assert (tmp_path / 'report.html').read_text().startswith('<!DOCTYPE html>')
-    for arguments, words in (([str(tmp_path / 'none')], 'does not exist'),
+    for arguments, words in (([str(tmp_path / 'none')], 'none: No such file or directory'),
                              ([str(run), '-o', str(tmp_path / 'a' / 'b')], 'No such file'),
                              ([__file__], 'no MCAP file')):
         done = call(*arguments)
