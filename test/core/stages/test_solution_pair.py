@@ -6,6 +6,8 @@
 import numpy as np
 import pytest
 import startracker_ros as st
+from startracker_evaluation.campaign.fisheyes import (
+    draw_cropped, draw_night, EPOCH_YEAR as NIGHT_YEAR)
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.model import Camera
@@ -13,8 +15,6 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     angle_between, conjugate, matrix_from_quaternion, rotate, unit_from_radec)
 from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_evaluation.campaign.fisheyes import (
-    draw_cropped, draw_night, EPOCH_YEAR as NIGHT_YEAR)
 from startracker_ros.io.images.images import read_image
 
 YEAR = 2026.5
