@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
-import startracker_ros as st
 from startracker_evaluation.campaign.fisheyes import (
     draw_cropped, draw_night, EPOCH_YEAR as NIGHT_YEAR)
+import startracker_ros as st
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.model import Camera
