@@ -22,7 +22,8 @@ EPOCHS = 1800.0, 2200.0
 FIRST_DATE_YEAR = 2000.0
 """No camera with a driver of today took images before: an earlier stamp is of another clock."""
 
-_J2000_NS = 946_728_000 * 10 ** 9
+_J2000_S = 946_728_000
+_J2000_NS = _J2000_S * 10 ** 9
 _YEAR_NS = round(YEAR_S) * 10 ** 9
 _LONGEST_UPTIME_YEARS = 10.0
 _NEAR_YEARS = 0.05
@@ -32,7 +33,7 @@ _NEAR_YEARS = 0.05
 _OTHER_ZEROS_S = {
     'GPS time, of seconds since 1980': 315_964_800 - 18,
     'TAI of seconds since 1958': -378_691_200 - 37,
-    'seconds since 2000': 946_728_000}
+    'seconds since 2000': _J2000_S}
 _ZERO_TOLERANCE_S = 3600.0
 """How late a message may be for its clock to be recognised."""
 _UTC_HINT = 'let it stamp in UTC since 1970, which gives the velocity of the Earth'

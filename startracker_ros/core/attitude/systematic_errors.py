@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.attitude.estimate import cramer_rao
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, ray, undistort
 from startracker_ros.core.compiled import compiled
@@ -48,8 +49,7 @@ def with_epoch_error(attitude: AttitudeEstimate, sigma_years: float, sensor: np.
         return attitude
     weight = 1 / sigma ** 2
     on_sensor = motion @ matrix_from_quaternion(attitude.quaternion)
-    F = weight.sum() * np.eye(3) - (weight * sensor.T) @ sensor
-    turn = np.linalg.solve(F, weight @ np.cross(sensor, on_sensor))
+    turn = cramer_rao(sensor, sigma) @ (weight @ np.cross(sensor, on_sensor))
     return replace(attitude, covariance_sensor=attitude.covariance_sensor
                    + sigma_years ** 2 * np.outer(turn, turn))
 

@@ -14,6 +14,7 @@ import struct
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.camera.model import LARGEST_SIDE_PX
 from startracker_ros.io.images.exif import Taken
 
 BEGIN = b'LUCAM-RECORDER'
@@ -54,7 +55,8 @@ def read_header(content: bytes, most_pixels: int) -> SerHeader:
         content[:_HEADER.size])
     header = SerHeader(width, height, 3 if colour in _RGB else 1, 1 if bits <= 8 else 2, count,
                        first)
-    if not (0 < width <= 65536 and 0 < height <= 65536 and 0 < bits <= 16 and count > 0):
+    if not (0 < width <= LARGEST_SIDE_PX and 0 < height <= LARGEST_SIDE_PX and 0 < bits <= 16
+            and count > 0):
         raise ValueError(f'a SER file of {count} frames of {width} x {height} px of {bits} bits')
     if width * height > most_pixels:
         raise ValueError(f'frames of {width} x {height} px, at most '
