@@ -135,7 +135,8 @@ class Soak(Rig):
         return result
 
     def _wait_until_working(self) -> None:
-        """Send frames at less than 10 Hz until there are ten attitudes."""
+        """Send frames at less than 10 Hz until ten attitudes came that could be recorded."""
+        self.probe.wait(self._is_recorded, 'the recorder to subscribe', _START_TIMEOUT_S)
         deadline_s = time.monotonic() + _START_TIMEOUT_S
         while self._result.attitudes < 10:
             if time.monotonic() > deadline_s or self.processes.ended():
@@ -143,6 +144,11 @@ class Soak(Rig):
             self._send()
             self.probe.spin_for(0.1)
         self._drain()
+
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder, which subscribes to what it finds, has the last topic."""
+        return any(one.node_name == 'bag_recorder'
+                   for one in self.probe.get_subscriptions_info_by_topic('attitude_imu'))
 
     def _drain(self) -> None:
         """Wait until no frame is in flight."""
