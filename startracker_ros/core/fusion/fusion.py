@@ -36,7 +36,7 @@ At which two heads begin or a head counts again: the state then changes by 3 sig
 Chance exceeds it in one of 34 frames, and is only later for it. GATE, which chance exceeds once
 in a million frames, lets an error of 4 sigma in.
 """
-MANOEUVRES = (10.0, 100.0)
+LONE_HEAD_FACTORS = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
 MANOEUVRE_FRAMES = 10
@@ -173,7 +173,7 @@ class AttitudeFusion:
             return None
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
-            for factor in MANOEUVRES:
+            for factor in LONE_HEAD_FACTORS:
                 predicted = self.motion.propagated(before, frame.stamp_ns, factor)
                 innovation = self._innovation(predicted, head, frame)
                 if innovation.nis <= GATE:
@@ -326,7 +326,7 @@ class AttitudeFusion:
         for other in self._candidates(head, frame):
             # Heads that have agreed before see a manoeuvre, others may be wrong by its size.
             known = self._history and {head.state, other.state} == {HeadState.USED}
-            factor = MANOEUVRES[-1 if known else 0]
+            factor = LONE_HEAD_FACTORS[-1 if known else 0]
             entries = self._begun(other, factor)
             if other is not head:
                 state = self.motion.at_constant_rate(entries[-1].state, frame.stamp_ns, factor)

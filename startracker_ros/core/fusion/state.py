@@ -18,13 +18,14 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState, Predicti
 from startracker_ros.core.attitude.gyro import GyroStep
 from startracker_ros.core.fusion import filter_steps
 from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import is_positive_definite
 
 BODY = 9
 """Elements of the error state that are not of the mounts."""
 
-GATE = 30.7
-"""Normalised innovation squared that chance exceeds once in a million frames (3 degrees)."""
+GATE = gate(1e-6, 3)
+"""Normalised innovation squared that chance exceeds once in a million frames."""
 
 _MAX_TURN_RAD, _MAX_STEP_S = 0.05, 1.0  # of one step of the covariance
 

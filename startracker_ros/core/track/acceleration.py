@@ -33,7 +33,7 @@ import numpy as np
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.normal_tail import tail_sigmas
+from startracker_ros.core.maths.gates import tail_sigmas
 from startracker_ros.core.maths.small_algebra import inverse
 
 MEMORY = 0.93  # of the squared errors of the frames before

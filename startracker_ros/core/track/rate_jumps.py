@@ -31,7 +31,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
-from startracker_ros.core.maths.normal_tail import tail_sigmas
+from startracker_ros.core.maths.gates import tail_sigmas
 from startracker_ros.core.maths.small_algebra import determinant, inverse
 
 FRAMES = 10

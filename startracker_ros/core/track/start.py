@@ -6,14 +6,11 @@
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.attitude.attitude_state import NIS_GATE
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.identified import IdentifiedFrame
 from startracker_ros.core.track.tracks import Hint
-
-NIS_GATE = 25.9
-"""Normalised innovation squared that chance exceeds once in a hundred thousand frames
-(chi-square, 3 degrees of freedom)."""
 
 MAX_SIGMA_RAD, MAX_RATE_SIGMA_RAD_S = np.radians([2.0, 0.5])
 """Errors of a hint above which it says too little to replace an identification."""

@@ -35,7 +35,7 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypat
     motion = Motion(ONBOARD, (0.0, 0.1, 0.0), sigma_px=0.05)
     tracker = tracking(motion, max_bad_frames=1000)
     # Without the hypotheses of manoeuvres, which follow it.
-    monkeypatch.setattr(attitude_model, 'MANOEUVRES', ())
+    monkeypatch.setattr(attitude_model, 'MANOEUVRE_HYPOTHESES', ())
     # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
     monkeypatch.setattr(attitude_model, 'DIVERGED_SIGMAS', 10.0)
     for frame in range(12, 17):
