@@ -6,9 +6,7 @@
 import erfa
 import numpy as np
 from startracker_ros.core.astro.constants import (
-    AU_M, DAY_S, DAYS_PER_YEAR, FIRST_YEAR, LAST_YEAR)
-
-_J2000_JD = 2451545.0
+    AU_M, DAY_S, DAYS_PER_YEAR, FIRST_YEAR, J2000_JD, LAST_YEAR)
 
 
 class EpochError(ValueError):
@@ -17,7 +15,7 @@ class EpochError(ValueError):
 
 def julian_date(year: float) -> tuple[float, float]:
     """Return a Julian year as a Julian date in two parts, which keeps the microseconds."""
-    return _J2000_JD, (year - 2000.0) * DAYS_PER_YEAR
+    return J2000_JD, (year - 2000.0) * DAYS_PER_YEAR
 
 
 def in_range(year: float) -> bool:
