@@ -10,8 +10,8 @@ import math
 import numpy as np
 from sgp4.api import Satrec, SGP4_ERRORS
 from startracker_ros.core.astro.constants import DAY_S, EARTH_RADIUS_M, UNIX_JD
+from startracker_ros.core.astro.earth import gcrs_from_teme
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.frames import gcrs_from_teme
 from startracker_ros.core.astro.orbit import Elements, OrbitError, propagate, state_from_elements
 from startracker_ros.core.options import option, Options
 

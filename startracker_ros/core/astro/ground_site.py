@@ -10,8 +10,7 @@ import erfa
 import numpy as np
 from startracker_ros.core.astro.aberration import Air
 from startracker_ros.core.astro.constants import DAY_S
-from startracker_ros.core.astro.earth import julian_date
-from startracker_ros.core.astro.frames import gcrs_from_itrf
+from startracker_ros.core.astro.earth import gcrs_from_itrf, julian_date
 
 _SEA_LEVEL_HPA, _SCALE_HEIGHT_M = 1013.25, 8435.0
 _RELATIVE_HUMIDITY = 0.5

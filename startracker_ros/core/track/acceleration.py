@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.gates import tail_sigmas
 from startracker_ros.core.maths.small_algebra import inverse
 

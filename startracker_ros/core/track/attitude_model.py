@@ -17,8 +17,7 @@ from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import is_positive_definite
 from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, STEADY
@@ -26,16 +25,14 @@ from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.gyro_agreement import GyroAgreement
-from startracker_ros.core.track.hidden_jumps import HiddenJumps
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.process_noise import ProcessNoise
-from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
+from startracker_ros.core.track.rate_jumps import HiddenJumps, Mixture, NO_JUMP, RateJumps
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
-from startracker_ros.core.track.stamp_differences import measured_turn
-from startracker_ros.core.track.stamp_jitter import StampJitter
+from startracker_ros.core.track.stamp_jitter import measured_turn, StampJitter
 from startracker_ros.core.track.start import Start
 from startracker_ros.core.track.tracks import Acceleration
 

@@ -9,10 +9,11 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
 from startracker_ros.core.track.bank import associated_columns, Association
-from startracker_ros.core.track.consistency import Residuals
+from startracker_ros.core.track.consistency import lens_sums, Residuals
 from startracker_ros.core.track.correction import on_image
-from startracker_ros.core.track.detected_stars import detected_residuals
+from startracker_ros.core.track.motion_models import image_flows
 
 
 class Followed(NamedTuple):
@@ -59,3 +60,92 @@ def followed(lens: Lens, state: AttitudeState, icrf: np.ndarray, variance: np.nd
     detected, residuals = detected_residuals(
         lens, state, icrf, track, confirmed, distance, best, measured.uv, measured.error)
     return Followed(track, covariance, association, detected, residuals)
+
+
+# --- residuals of the detected stars of a frame, and what of them stays: compiled ---
+
+MEMORY = 0.98  # of the sums of the frames before
+SIGNIFICANT = 4.0  # standard deviations of their mean by chance
+
+
+@compiled
+def detected_residuals(lens: Lens, state: AttitudeState, icrf: np.ndarray, track: np.ndarray,
+                       confirmed: np.ndarray, distance: np.ndarray, best: np.ndarray,
+                       uv: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, Residuals]:
+    """
+    Return the detected stars (K,) among N confirmed or new ones, and their residuals.
+
+    icrf (N, 3) are their directions, track (N, 4) their states by the attitude, as in
+    motion_models; distance and best (N,) are those of a Correction by centroids uv (M, 2) of
+    covariance error (M, 2, 2).
+    """
+    seen = np.flatnonzero(np.isfinite(distance) & confirmed)
+    flow = image_flows(lens, sensor_directions(
+        matrix_from_quaternion(state.quaternion), icrf[seen]))
+    stars = Residuals(np.empty((len(seen), 2)), np.empty((len(seen), 2)), error[best[seen]], flow,
+                      np.zeros((len(seen), 2)))
+    for n in range(len(seen)):
+        for axis in range(2):
+            stars.uv[n, axis] = uv[best[seen[n]], axis]
+            stars.residual[n, axis] = stars.uv[n, axis] - track[seen[n], 2 * axis]
+            for k in range(3):
+                stars.velocity[n, axis] += flow[n, axis, k] * state.rate[k]
+    return seen, stars
+
+
+class LensMemory(NamedTuple):
+    """
+    Sums over the frames before, and the last frame.
+
+    outwards and square as in LensSums; product, weight and chance are sums over pairs of
+    residuals of a star in two frames in a row: of their weighted products, of the weighted share
+    of the variance that they hold, and of the variance of the product by chance. star_index (K,),
+    residual (K, 2) px and variance (K,) px^2 are those of the last frame.
+    """
+
+    outwards: float
+    square: float
+    product: float
+    weight: float
+    chance: float
+    star_index: np.ndarray
+    residual: np.ndarray
+    variance: np.ndarray
+
+
+@compiled
+def relative_scale(outwards: float, square: float) -> float:
+    """Return the scale k = d^T W r / d^T W d, zero where it is not significant."""
+    return outwards / square if outwards ** 2 > SIGNIFICANT ** 2 * square else 0.0
+
+
+@compiled
+def add_residuals(memory: LensMemory, star_index: np.ndarray, stars: Residuals, axis: np.ndarray,
+                  scale: float) -> LensMemory:
+    """
+    Return the memory after a frame of residuals of catalogue entries (K,), axis (2,) px.
+
+    The residuals are those beside a scale, and outwards is that of all of it.
+    Of a star in both frames the mean product of two axes, p = r_k . r_k-1 / 2, has the weight
+    w = 1 / (v_k v_k-1), and by chance the variance w / 2 of w p.
+    """
+    sums = lens_sums(stars.uv, stars.residual, stars.error, stars.flow, axis)
+    outwards = MEMORY * memory.outwards + sums.outwards + scale * sums.square
+    square = MEMORY * memory.square + sums.square
+    residual = sums.residual - (relative_scale(outwards, square) - scale) * sums.away
+    product = weight = chance = 0.0
+    pairs = 0
+    for now in range(len(star_index)):
+        for before in range(len(memory.star_index)):
+            if star_index[now] != memory.star_index[before]:
+                continue
+            w = 1 / (sums.variance[now] * memory.variance[before])
+            product += w * (residual[now, 0] * memory.residual[before, 0]
+                            + residual[now, 1] * memory.residual[before, 1]) / 2
+            weight += w * sums.left[now]
+            chance += w / 2
+            pairs += 1
+    fade = MEMORY if pairs else 1.0
+    return LensMemory(outwards, square, fade * memory.product + product,
+                      fade * memory.weight + weight, fade ** 2 * memory.chance + chance,
+                      star_index, residual, sums.variance)

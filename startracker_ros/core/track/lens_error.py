@@ -22,7 +22,7 @@ import math
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.track.consistency import Residuals
-from startracker_ros.core.track.detected_stars import (
+from startracker_ros.core.track.followed_stars import (
     add_residuals, LensMemory, relative_scale, SIGNIFICANT)
 
 LEAST_STARS = 6

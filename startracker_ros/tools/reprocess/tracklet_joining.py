@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.maths.gates import gate
-from startracker_ros.core.maths.graph import lowest_connected
 from startracker_ros.core.maths.rotation import ARCSEC, east_and_north, unit_from_radec
+from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.track.tracklets import tangent
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
 

@@ -9,8 +9,7 @@ from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track import attitude_model
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.repetition import REPEATED
-from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.core.track.track_filter import REPEATED, TrackerState, TrackFilter
 
 ONBOARD = sky()
 
