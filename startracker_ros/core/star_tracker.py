@@ -16,7 +16,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import (
     CatalogueEpoch, checked_stamp, julian_year, NOT_STAMPED, RESTART_NS)
 from startracker_ros.core.astro.observer_motion import ObserverMotion
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.attitude.gyro import checked_rate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions

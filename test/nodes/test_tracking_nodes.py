@@ -19,7 +19,8 @@ from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from skies import CAMERA, FRAME, onboard_stars, START_NS
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame, State
+from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (

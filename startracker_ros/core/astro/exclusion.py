@@ -12,7 +12,8 @@ from startracker_ros.core.astro.bodies import bright_bodies
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M
 from startracker_ros.core.astro.earth import EpochError
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.orbit import propagate, State
+from startracker_ros.core.astro.orbit import propagate
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.options import option, Options

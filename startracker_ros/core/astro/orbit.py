@@ -6,7 +6,6 @@
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.astro.constants import EARTH_J2, EARTH_MU_M3_S2, EARTH_RADIUS_M
@@ -145,15 +144,3 @@ def orbit_frame(position_m: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
     y = np.cross(velocity_m_s, position_m)
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)
     return np.stack([x, y, np.cross(x, y)], -1)
-
-
-class State(NamedTuple):
-    """
-    What navigation reports of a satellite.
-
-    Position (3,) in m, velocity (3,) in m/s, covariance (3, 3) of the position in m^2.
-    """
-
-    position_m: np.ndarray
-    velocity_m_s: np.ndarray
-    covariance_m2: np.ndarray

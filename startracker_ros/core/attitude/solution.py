@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From directions to an attitude with covariance and residuals, by three solvers: compiled."""
+"""From directions to an attitude with covariance and residuals, by four solvers: compiled."""
 
 import numpy as np
 from startracker_ros.core.attitude.refinement import inverse_information, MIN_GAP, residuals

@@ -12,7 +12,7 @@ from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.earth import earth_velocity_m_s
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS, why_no_date
 from startracker_ros.core.astro.observer_motion import EARTH_SIGMA_M_S
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.locate.line_of_sight import (
     line_of_sight, LineOfSight, without_aberration)

@@ -1,11 +1,9 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What chance exceeds with a given probability: gates of chi-square, tails of a normal error."""
+"""Gates of chi-square. Free of compiled code, which is slow to import."""
 
 import math
-
-from startracker_ros.core.compiled import compiled
 
 _TERMS, _MOST_STEPS = 100, 20
 
@@ -31,16 +29,3 @@ def gate(probability: float, dof: float) -> float:
         if abs(step) <= 1e-13 * x:
             break
     return x
-
-
-@compiled
-def tail_sigmas(probability: float, missed: float) -> float:
-    """
-    Return the c beyond which such an error lies on one side with no more than a probability.
-
-    The error itself has the probability p: p exp(-c^2 / 2) / 2 = missed (a bound of the normal
-    integral). 0 where no c is needed.
-    """
-    if probability <= 2 * missed:
-        return 0.0
-    return math.sqrt(2 * math.log(probability / (2 * missed)))

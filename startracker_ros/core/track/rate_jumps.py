@@ -31,7 +31,6 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState, Predicti
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
-from startracker_ros.core.maths.gates import tail_sigmas
 from startracker_ros.core.maths.small_algebra import determinant, inverse
 
 FRAMES = 10
@@ -203,6 +202,19 @@ def add_frame(memory: Memory, length: int, share: float, dt_s: float, rate: np.n
                 abs(error[axis]) + tail * math.sqrt(variance[axis])) / WRONG_SIGMAS)
     return (1 - 1 / total, ratios[newest] / total, mean,
             effect @ second / total - np.outer(mean, mean), least)
+
+
+@compiled
+def tail_sigmas(probability: float, missed: float) -> float:
+    """
+    Return the c beyond which such an error lies on one side with no more than a probability.
+
+    The error itself has the probability p: p exp(-c^2 / 2) / 2 = missed (a bound of the normal
+    integral). 0 where no c is needed.
+    """
+    if probability <= 2 * missed:
+        return 0.0
+    return math.sqrt(2 * math.log(probability / (2 * missed)))
 
 
 # --- jumps of the rate within an exposure that the gain of the filter hides ---

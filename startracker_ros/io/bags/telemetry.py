@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.maths.rotation import rotate
 from startracker_ros.io.bags.layouts import MessageError
 

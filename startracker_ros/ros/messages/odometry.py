@@ -5,7 +5,7 @@
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.io.bags.telemetry import unit_quaternion

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 
 
 @dataclass(frozen=True)

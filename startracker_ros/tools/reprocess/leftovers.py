@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.frame_result import FrameResult

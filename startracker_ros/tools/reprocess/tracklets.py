@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
-from startracker_ros.core.astro.orbit import State
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.locate.line_of_sight import LineOfSight, without_aberration
 from startracker_ros.core.locate.locator import Located, TargetLocator
 from startracker_ros.core.locate.observer import ObservedLine

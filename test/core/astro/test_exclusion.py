@@ -11,7 +11,8 @@ from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
-from startracker_ros.core.astro.orbit import CircularOrbit, State
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.maths.rotation import quaternion_from_axes
 
 STAMP_NS = 1_790_000_000_000_000_000

@@ -13,7 +13,8 @@ from startracker_ros.core.astro.epoch import (
 from startracker_ros.core.astro.observer_motion import (
     AberrationOptions, EARTH_SIGMA_M_S, KNOWN_SIGMA_M_S, MotionError, ObserverMotion,
     ORBIT_SIGMA_M_S)
-from startracker_ros.core.astro.orbit import CircularOrbit, State
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.astro.state import State
 
 STAMP_NS = stamp_from_epoch_year(2026.4)
 ORBIT = CircularOrbit(7.078e6, *np.radians([30.0, 40.0, 60.0]))

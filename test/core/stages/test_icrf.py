@@ -12,7 +12,8 @@ from startracker_ros.core.astro.aberration import apparent_directions, vantage_n
 from startracker_ros.core.astro.epoch import catalogue_epoch, stamp_from_epoch_year
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import AberrationOptions, AT_REST, observer_at
-from startracker_ros.core.astro.orbit import CircularOrbit, State
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.icrf import icrf_identification
