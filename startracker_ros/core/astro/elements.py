@@ -26,7 +26,6 @@ TLE_MAX_AGE_S = 7 * DAY_S
 """A set of a low orbit loses 1 to 3 km a day: some 20 m/s after a week."""
 
 
-
 @dataclass(frozen=True)
 class OrbitOptions(Options):
     """Elements of the orbit of the observer, for where odometry is not published."""
