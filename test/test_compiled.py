@@ -60,7 +60,7 @@ NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
     '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
     'ctrl_c', 'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion',
-    'maths/__init__', 'maths/quaternion', 'maths/rotation')))
+    'maths/__init__', 'maths/rotation')))
 
 
 def copy_of(tree):

@@ -11,8 +11,8 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped, QuaternionStamped, TransformStamped, Vector3Stamped)
 import numpy as np
 from sensor_msgs.msg import Imu
+from startracker_ros.core.astro.earth import gcrs_from_itrf, gcrs_from_j2000
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.frames import gcrs_from_itrf, gcrs_from_j2000
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.attitude.result import AttitudeEstimate

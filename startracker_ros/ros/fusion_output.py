@@ -11,9 +11,8 @@ from geometry_msgs.msg import (
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude
+from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude, hint_for
 from startracker_ros.core.fusion.head import HeadState
-from startracker_ros.core.fusion.hints import hint_for
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.track.tracks import TrackedAttitude

@@ -10,9 +10,9 @@ import numpy as np
 from rich.progress import track as progress
 import scipy
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 from startracker_ros.core.attitude.estimate import (
     AttitudeEstimate, cramer_rao, estimate_attitude, SOLVERS)
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
 from startracker_ros.io.table import Result
@@ -147,7 +147,7 @@ def error_rows(count: int, figures: dict[str, Errors]) -> Iterator[BenchRow]:
         for axis, squares in (('cross_boresight', 2 * draws), ('roll', draws)):
             value = getattr(figures[name], axis)
             # Two stars alone cannot reach the bound of all.
-            limit = np.sqrt(chi2.ppf(0.999, squares) / squares) if name in OPTIMAL else np.inf
+            limit = np.sqrt(gate(1e-3, squares) / squares) if name in OPTIMAL else np.inf
             yield _beside_peer(
                 f'{count} vectors: {name}, {axis.replace("_", "-")} error over the bound',
                 value, '', getattr(figures[PEER], axis),

@@ -14,7 +14,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.stages.parameters import StarTrackerOptions

@@ -20,6 +20,7 @@ from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.locate.line_of_sight import line_of_sight
 from startracker_ros.core.locate.location import locate
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
@@ -167,7 +168,7 @@ def _consistency(scene: Scene, trials: int, seed: int) -> Iterator[PaperRow]:
         mean = float(squared.mean())
         yield _row(f'normalised error squared, {name}, {NEES_DRAWS} draws', mean,
                    f'{low:.3f} .. {high:.3f} (95 %)', low <= mean <= high)
-        inside = 100 * float(np.mean(squared < stats.chi2.ppf(0.95, 3)))
+        inside = 100 * float(np.mean(squared < gate(0.05, 3)))
         yield _row(f'errors within the 95 % ellipsoid, {name}', inside, '94 .. 96',
                    94 <= inside <= 96, '%')
     error, covariance = scene.draw((ALL, ALL), trials, seed)

@@ -6,11 +6,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 
-GATE = 30.0
-"""Bound of the normalised innovation squared, chi-square of 3 degrees of freedom: 1.4e-6."""
+GATE = gate(1.4e-6, 3)
+"""Bound of the normalised innovation squared."""
 
 
 @dataclass(frozen=True)

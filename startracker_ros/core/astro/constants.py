@@ -9,6 +9,9 @@ SPEED_OF_LIGHT_M_S = 299_792_458.0
 AU_M = 149_597_870_700.0
 """Astronomical unit (IAU 2012 resolution B2)."""
 
+J2000_JD, UNIX_JD, MJD_JD = 2451545.0, 2440587.5, 2400000.5
+"""Julian dates of J2000 and of the zeros of UNIX time and of the modified Julian date."""
+
 DAY_S = 86400.0
 DAYS_PER_YEAR = 365.25
 """Julian year."""

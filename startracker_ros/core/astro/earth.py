@@ -1,14 +1,12 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Position and velocity of the Earth, from the series of the IAU SOFA library (ERFA)."""
+"""Position, velocity and axes of the Earth, from the IAU SOFA library (ERFA)."""
 
 import erfa
 import numpy as np
 from startracker_ros.core.astro.constants import (
-    AU_M, DAY_S, DAYS_PER_YEAR, FIRST_YEAR, LAST_YEAR)
-
-_J2000_JD = 2451545.0
+    AU_M, DAY_S, DAYS_PER_YEAR, FIRST_YEAR, J2000_JD, LAST_YEAR)
 
 
 class EpochError(ValueError):
@@ -17,7 +15,7 @@ class EpochError(ValueError):
 
 def julian_date(year: float) -> tuple[float, float]:
     """Return a Julian year as a Julian date in two parts, which keeps the microseconds."""
-    return _J2000_JD, (year - 2000.0) * DAYS_PER_YEAR
+    return J2000_JD, (year - 2000.0) * DAYS_PER_YEAR
 
 
 def in_range(year: float) -> bool:
@@ -52,3 +50,32 @@ def earth_position_au(year: float) -> np.ndarray:
     It is that of the barycentre, zero, in years for which that of the Earth is not known.
     """
     return earth_state(year)[1] if in_range(year) else np.zeros(3)
+
+
+# --- rotations from other frames to ICRF, whose axes are those of GCRS ---
+
+
+def gcrs_from_itrf(year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
+    """
+    Return the rotation (3, 3) from Earth-fixed to GCRS axes at a Julian year UTC.
+
+    IAU 2006/2000A without polar motion, 0.5 arcsec at most (ERFA, c2t06a); UTC serves for TT in
+    precession and nutation, which turn the axes by 0.0001 arcsec in the minute between them.
+    """
+    day, fraction = julian_date(year)
+    return erfa.c2t06a(day, fraction, day, fraction + ut1_utc_s / DAY_S, 0.0, 0.0).T
+
+
+def gcrs_from_j2000() -> np.ndarray:
+    """Return the rotation (3, 3) from mean equator and equinox of J2000, the frame bias (bp06)."""
+    return erfa.bp06(*julian_date(2000.0))[0].T
+
+
+def gcrs_from_teme(year: float) -> np.ndarray:
+    """
+    Return the rotation (3, 3) from true equator, mean equinox of date to GCRS axes.
+
+    IAU 2006/2000A precession and nutation (ERFA, pnm06a), less the equation of the equinoxes.
+    """
+    tt = julian_date(year)
+    return np.array(erfa.pnm06a(*tt)).T @ erfa.rz(-erfa.ee06a(*tt), np.eye(3))

@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 from sgp4.api import Satrec, SGP4_ERRORS
-from startracker_ros.core.astro.constants import DAY_S, EARTH_RADIUS_M
+from startracker_ros.core.astro.constants import DAY_S, EARTH_RADIUS_M, UNIX_JD
+from startracker_ros.core.astro.earth import gcrs_from_teme
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.frames import gcrs_from_teme
 from startracker_ros.core.astro.orbit import Elements, OrbitError, propagate, state_from_elements
 from startracker_ros.core.options import option, Options
 
@@ -24,8 +24,6 @@ KEPLER_MAX_AGE_S = DAY_S
 
 TLE_MAX_AGE_S = 7 * DAY_S
 """A set of a low orbit loses 1 to 3 km a day: some 20 m/s after a week."""
-
-_UNIX_EPOCH_JD = 2440587.5
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class TwoLineOrbit:
     def velocity_m_s(self, stamp_ns: int) -> np.ndarray:
         """Return the velocity (3,) at a stamp; OrbitError more than a week from the epoch."""
         days, fraction = divmod(stamp_ns / (DAY_S * 1e9), 1)
-        jd = _UNIX_EPOCH_JD + days
+        jd = UNIX_JD + days
         age_days = (jd - self._satellite.jdsatepoch) + (fraction - self._satellite.jdsatepochF)
         _check_age('two-line elements', age_days * DAY_S, TLE_MAX_AGE_S)
         status, _, velocity_km_s = self._satellite.sgp4(jd, fraction)

@@ -8,7 +8,8 @@ from numbers import Integral, Real
 import time
 from typing import Any, NamedTuple
 
-from startracker_ros.core.astro.constants import DAYS_PER_YEAR, LAST_YEAR, YEAR_S
+from startracker_ros.core.astro.constants import (
+    DAY_S, DAYS_PER_YEAR, J2000_JD, LAST_YEAR, MJD_JD, UNIX_JD, YEAR_S)
 
 RESTART_NS = 1_000_000_000
 """Stamps that step back by more come from a restarted simulation or a looped bag."""
@@ -22,7 +23,7 @@ EPOCHS = 1800.0, 2200.0
 FIRST_DATE_YEAR = 2000.0
 """No camera with a driver of today took images before: an earlier stamp is of another clock."""
 
-_J2000_S = 946_728_000
+_J2000_S = round((J2000_JD - UNIX_JD) * DAY_S)
 _J2000_NS = _J2000_S * 10 ** 9
 _YEAR_NS = round(YEAR_S) * 10 ** 9
 _LONGEST_UPTIME_YEARS = 10.0
@@ -39,7 +40,7 @@ _ZERO_TOLERANCE_S = 3600.0
 _UTC_HINT = 'let it stamp in UTC since 1970, which gives the velocity of the Earth'
 # In ns, and days with the one on which J2000 is.
 _UNIX_UNITS = {'s': 10 ** 9, 'ms': 10 ** 6, 'us': 1000, 'ns': 1}
-_DAY_COUNTS = {'Julian date': 2451545.0, 'modified Julian date': 51544.5}
+_DAY_COUNTS = {'Julian date': J2000_JD, 'modified Julian date': J2000_JD - MJD_JD}
 # Who takes one unit for another has data of these years.
 _LIKELY_YEARS = 1980.0, 2100.0
 

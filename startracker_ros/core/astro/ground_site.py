@@ -9,8 +9,8 @@ import math
 import erfa
 import numpy as np
 from startracker_ros.core.astro.aberration import Air
-from startracker_ros.core.astro.earth import julian_date
-from startracker_ros.core.astro.frames import gcrs_from_itrf
+from startracker_ros.core.astro.constants import DAY_S
+from startracker_ros.core.astro.earth import gcrs_from_itrf, julian_date
 
 _SEA_LEVEL_HPA, _SCALE_HEIGHT_M = 1013.25, 8435.0
 _RELATIVE_HUMIDITY = 0.5
@@ -44,7 +44,7 @@ class Site:
         longitude, latitude = np.radians([self.longitude_deg, self.latitude_deg])
         day, fraction = julian_date(year)
         pv = erfa.pvtob(longitude, latitude, self.height_m, 0.0, 0.0, 0.0,
-                        erfa.era00(day, fraction + ut1_utc_s / 86400))
+                        erfa.era00(day, fraction + ut1_utc_s / DAY_S))
         axes = erfa.c2i06a(day, fraction).T
         return axes @ np.array(pv['p']), axes @ np.array(pv['v'])
 

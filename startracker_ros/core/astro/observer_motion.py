@@ -13,8 +13,7 @@ from startracker_ros.core.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M, MAX_SPEED_M_S
 from startracker_ros.core.astro.earth import earth_state
 from startracker_ros.core.astro.elements import orbit_velocity, OrbitOptions
-from startracker_ros.core.astro.epoch import (
-    CatalogueEpoch, epoch_year_from_stamp, why_no_date)
+from startracker_ros.core.astro.epoch import CatalogueEpoch, epoch_year_from_stamp, why_no_date
 from startracker_ros.core.astro.orbit import OrbitError, propagate
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.options import option

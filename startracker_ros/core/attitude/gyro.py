@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.values import vector_of
@@ -28,7 +29,7 @@ IMPOSSIBLE_RAD_S = 100.0
 """More than the range of any gyro, 5730 deg/s: such a number is in another unit."""
 
 SATURATED = 0.999  # of the range
-UNEXPECTED = 16.3  # chi-square of three axes that one in 1000 exceeds by chance
+UNEXPECTED = gate(1e-3, 3)  # chi-square of three axes that one in 1000 exceeds by chance
 _MAX_MEASUREMENTS = 100_000
 
 

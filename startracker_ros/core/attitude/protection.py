@@ -28,9 +28,9 @@ import math
 from statistics import NormalDist
 
 import numpy as np
+from startracker_ros.core.attitude.refinement import information
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.small_algebra import (
-    determinant, inverse, is_positive_definite)
+from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.options import option, Options
 
 MISSED_DETECTION = 1e-4
@@ -90,15 +90,14 @@ def _level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.ndarray,
 
     |x - x_i| is the separation, the diagonal of (F - F_i)^-1 - F^-1 what is more of the variance.
     """
-    count, F = len(sensor), np.zeros((3, 3))
-    for i in range(count):
-        F += _information(sensor[i], sigma_rad[i])
+    count, weight = len(sensor), 1 / sigma_rad ** 2
+    F = information(sensor, weight)
     smallest, all_stars = 1e-9 * determinant(F), inverse(F)
     level, pair, pair_more = np.empty(3), np.zeros((3, 2)), np.zeros((3, 2))
     for axis in range(3):
         level[axis] = k_0 * math.sqrt(covariance[axis, axis])
     for i in range(count):
-        p, without = sensor[i], F - _information(sensor[i], sigma_rad[i])
+        p, without = sensor[i], F - information(sensor[i:i + 1], weight[i:i + 1])
         # Not known is not bounded.
         if not (determinant(without) > smallest and np.isfinite(residual_rad[i])):
             return np.full(3, np.inf)
@@ -108,7 +107,7 @@ def _level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.ndarray,
             along = a[0] * p[0] + a[1] * p[1] + a[2] * p[2]
             # |a x p|^2 = a^2 - (a p)^2.
             across = a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - along * along
-            separation = residual_rad[i] * math.sqrt(max(across, 0.0)) / sigma_rad[i] ** 2
+            separation = residual_rad[i] * weight[i] * math.sqrt(max(across, 0.0))
             more = max(a[axis] - all_stars[axis, axis], 0.0)
             level[axis] = max(level[axis], separation
                               + k_1 * math.sqrt(covariance[axis, axis] + more))
@@ -129,12 +128,6 @@ def _keep_two(largest: np.ndarray, value: float) -> None:
         largest[0], largest[1] = value, largest[0]
     elif value > largest[1]:
         largest[1] = value
-
-
-@compiled
-def _information(p: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (I - p p^T) / sigma^2."""
-    return (np.eye(3) - np.outer(p, p)) / sigma ** 2
 
 
 def _sigmas(probability: float) -> float:

@@ -52,14 +52,8 @@ def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.
 
 
 @compiled
-def inverse_information(directions: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
-    """
-    Return the inverse Fisher information (3, 3) of unit vectors (N, 3), its determinant.
-
-    The covariance about their axes for weights (N,) 1 / sigma^2 (Shuster and Oh, J. Guid.
-    Control 4, 1981, eq. 98). A determinant of zero: by MIN_GAP the rotation is not
-    observable, and there is no inverse.
-    """
+def information(directions: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return F = sum w (I - p p^T) (3, 3) of unit vectors p (N, 3) and weights w (N,)."""
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(len(weight)):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -70,6 +64,20 @@ def inverse_information(directions: np.ndarray, weight: np.ndarray) -> tuple[np.
         xy -= w * x * y
         xz -= w * x * z
         yz -= w * y * z
+    return np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+
+
+@compiled
+def inverse_information(directions: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """
+    Return the inverse Fisher information (3, 3) of unit vectors (N, 3), its determinant.
+
+    The covariance about their axes for weights (N,) 1 / sigma^2 (Shuster and Oh, J. Guid.
+    Control 4, 1981, eq. 98). A determinant of zero: by MIN_GAP the rotation is not
+    observable, and there is no inverse.
+    """
+    F = information(directions, weight)
+    xx, xy, xz, yy, yz, zz = F[0, 0], F[0, 1], F[0, 2], F[1, 1], F[1, 2], F[2, 2]
     axx, axy, axz, ayy, ayz, azz = adjugate(xx, xy, xz, yy, yz, zz)
     inverse = np.array(((axx, axy, axz), (axy, ayy, ayz), (axz, ayz, azz)))
     determinant = xx * axx + xy * axy + xz * axz

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quaternion
 
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
@@ -65,3 +65,17 @@ def with_correlated_error(attitude: AttitudeEstimate, common_px2: np.ndarray, ca
     """Return an attitude whose covariance contains an error (2, 2) px^2 that all stars share."""
     return replace(attitude, covariance_sensor=attitude.covariance_sensor
                    + pointing_covariance(common_px2, camera))
+
+
+def pointing_sigma(q_icrf_from_sensor: np.ndarray, covariance_icrf: np.ndarray) -> np.ndarray:
+    """
+    Return 1 sigma (3,) in rad of the boresight eastward and northward, and of the roll about it.
+
+    Eastward is right ascension times cos(declination); covariance_icrf (3, 3) is that of a
+    rotation vector about ICRF axes.
+    """
+    boresight = matrix_from_quaternion(q_icrf_from_sensor)[:, 2]
+    east, north = east_and_north(boresight)
+    # A rotation about the north moves the boresight to the east.
+    axes = np.stack([north, east, boresight])
+    return np.sqrt(np.diag(axes @ covariance_icrf @ axes.T))

@@ -12,16 +12,13 @@ the attitudes of single frames, whose errors are independent, and mean rates of 
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply)
 
-MANOEUVRES = (1.0, 10.0, 100.0, 1000.0)
-"""Factors of the acceleration that are tried until the innovation passes NIS_GATE."""
-
-NIS_GATE = 25.9
-"""Chi-square, 3 degrees of freedom: chance exceeds it once in a hundred thousand frames."""
+ACCELERATION_FACTORS = (1.0, 10.0, 100.0, 1000.0)
+"""Factors of the acceleration noise that are tried until the innovation passes NIS_GATE."""
 
 _FIRST_RATE_SIGMA_RAD_S = np.radians(10.0)
 
@@ -68,7 +65,7 @@ def smooth(stamp_ns: np.ndarray, measured: np.ndarray, covariance: np.ndarray,
     predicted, is_frame = [filtered[0]], [True]
     for k in range(1, len(stamp_ns)):
         rate = gyro_rad_s[k] if gyro_rad_s is not None and np.isfinite(gyro_rad_s[k, 0]) else None
-        for level in MANOEUVRES:
+        for level in ACCELERATION_FACTORS:
             steps = _to_frame(filtered[-1], int(stamp_ns[k]), noise, level, rate)
             if _innovation2(steps[-1][0], measured[k], covariance[k]) <= NIS_GATE:
                 break

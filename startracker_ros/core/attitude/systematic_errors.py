@@ -14,6 +14,7 @@ import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.attitude.estimate import cramer_rao
+from startracker_ros.core.attitude.refinement import information
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, ray, undistort
 from startracker_ros.core.compiled import compiled
@@ -69,7 +70,7 @@ def velocity_covariance(velocity_sigma_m_s: float, sensor: np.ndarray, sigma: np
     s = np.zeros(3)
     for i in range(len(weight)):
         s += weight[i] * sensor[i]
-    F_inverse = inverse(_information(weight, sensor))
+    F_inverse = inverse(information(sensor, weight))
     across = -np.outer(s, s)
     for k in range(3):
         across[k, k] += s @ s
@@ -88,8 +89,8 @@ def lens_covariance(lens_sigma: float, scale: float, sensor: np.ndarray, sigma: 
     stars by scale (p - z), which turns the best fit by scale F^-1 sum w p_z (-p_y, p_x, 0).
     """
     weight = 1 / sigma ** 2
-    F_inverse = inverse(_information(weight, sensor))
-    G = _information(weight ** 2, sensor)
+    F_inverse = inverse(information(sensor, weight))
+    G = information(sensor, weight ** 2)
     moved = np.zeros(3)
     for i in range(len(weight)):
         x, y, z = sensor[i]
@@ -122,15 +123,3 @@ def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, varia
     if lens_sigma_rad > 0 or lens_scale != 0:
         covariance += lens_covariance(lens_sigma_rad, lens_scale, sensor, sigma_rad)
     return covariance
-
-
-@compiled
-def _information(weight: np.ndarray, sensor: np.ndarray) -> np.ndarray:
-    """Return F = sum w (I - p p^T) of weights w (N,) and directions p (N, 3)."""
-    F = np.zeros((3, 3))
-    for i in range(len(weight)):
-        for j in range(3):
-            F[j, j] += weight[i]
-            for k in range(3):
-                F[j, k] -= weight[i] * sensor[i, j] * sensor[i, k]
-    return F

@@ -16,6 +16,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import sign_continuous
 from startracker_ros.core.options import option, Options
 
@@ -99,8 +100,7 @@ class AttitudeValidator:
         covariance is inflated when chi2 rejects the residuals at such errors, and contains what is
         not known of the observer: its velocity, the epoch of the stars.
         """
-        # What only solve() needs takes long to import, SciPy most of all.
-        from scipy.special import chdtri
+        # What only solve() needs takes long to import.
         from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.core.attitude.estimate import (
             AttitudeError, estimate_attitude, mean_chi2)
@@ -124,7 +124,7 @@ class AttitudeValidator:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
+        excess = attitude.chi2 / mean if attitude.chi2 > gate(FALSE_ALARM, mean) else 1.0
         attitude = with_observer_error(
             replace(attitude, covariance_sensor=attitude.covariance_sensor * excess),
             sky.observer, sensor, sigma_rad, sky.motion(sky.onboard.index_of(hip[known])))

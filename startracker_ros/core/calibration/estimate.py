@@ -16,12 +16,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 from startracker_ros.core.calibration.adjustment import (
     adjust, Adjustment, CalibrationError, MatchedStars, TERMS)
 from startracker_ros.core.calibration.matching import match_stars, View
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import attitude_error
 
 MIN_STARS = 30
@@ -225,7 +225,7 @@ def _significant(found: Adjustment, term: str) -> bool:
     index = [found.parameters.index(name) for name in TERMS[term]]
     value = np.array([found.values[name] for name in TERMS[term]])
     statistic = value @ np.linalg.solve(found.covariance[np.ix_(index, index)], value)
-    return bool(statistic > chdtri(len(index), _SIGNIFICANCE))
+    return bool(statistic > gate(_SIGNIFICANCE, len(index)))
 
 
 def _calibration(found: Adjustment, held: dict[str, str], stars: MatchedStars,

@@ -15,11 +15,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 from startracker_ros.core.calibration.adjustment import (
     CalibrationError, changed_camera, lens_partials, parameter_values, projected_out,
     rotation_partials)
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import conjugate, rotate
 
 NAMES = ('focal', 'cx', 'cy', 'k1')
@@ -37,8 +37,7 @@ _MOST_REJECTED = 0.25  # of the stars of a frame
 _LARGEST_SCATTER = 5.0  # of the stars, in units of their sigma
 # Exponential mean of the scatter of the stars over frames.
 _MEMORY = 0.1
-_CHANCE = 1e-6
-_GATE = float(chdtri(LENS, _CHANCE))
+_GATE = gate(1e-6, LENS)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid, SkyGrid)
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.maths.graph import lowest_connected
+from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.stored_arrays import digest, StoredArrays
 
 MERGE_PX = 2.0

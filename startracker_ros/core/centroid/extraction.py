@@ -10,8 +10,8 @@ Star image to centroids, with a reason for every spot left out.
    the filter does not match, step 1 once more.
 3. Points (point_stars.py): rough fit, which rejects what is no star and measures the noise, then
    the final fit.
-4. Streaks (streak_stars.py) instead, if the stars moved during the exposure: by a known streak,
-   or by the one on which the spots agree (streak_search.py).
+4. Streaks (streak_search.py) instead, if the stars moved during the exposure: by a known streak,
+   or by the one on which the spots agree.
 5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
 
 6. Spots of any shape (spots.py) beside the points, if these are still not most of the bright
@@ -23,29 +23,91 @@ Once an image was searched, search_near() measures stars at known positions only
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-from startracker_ros.core.centroid.background import over_image, readable
+from startracker_ros.core.centroid.background import Mesh, over_image, pixel_noise, readable
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.cleaning import (
-    CLEAN, cleaned, Contamination, find_contamination)
 from startracker_ros.core.centroid.detection import Peaks, Threshold
 from startracker_ros.core.centroid.frame import Frame, prepare
-from startracker_ros.core.centroid.hits import is_hit, is_single, least_share
+from startracker_ros.core.centroid.hits import (
+    is_hit, is_single, is_storm, least_share, without_hits)
 from startracker_ros.core.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.core.centroid.point_stars import measure_points
 from startracker_ros.core.centroid.pointing_error import pointing_error
 from startracker_ros.core.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
-from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.spots import (
-    BRIGHT_SPOTS, explained_spots, find_spots, with_near_spots, with_spots)
+    BRIGHT_SPOTS, brightest, explained_spots, find_spots, with_near_spots, with_spots)
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import ANGLE, streaks_at
-from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
-from startracker_ros.core.centroid.streak_stars import measure_streaks
+from startracker_ros.core.centroid.streak_search import (
+    estimate_streak, measure_streaks, search_streaks)
 from startracker_ros.core.centroid.windowed_search import peaks_near
 from startracker_ros.core.options import option, Options
+
+# --- hits, trails, columns and discs are taken out of an image ---
+
+LARGE_PX = 120  # across; the longest streak of a star is shorter
+LARGE_PEAKS = 30  # on lines and discs, from which on these are taken out as a whole
+LARGE_SIGMAS = 3.0  # above the background
+MARGIN_PX = 3  # around something large, where its flux falls below that
+MAX_SHARE = 0.6  # of the image; more is no artefact in a field of stars
+
+
+class Contamination(NamedTuple):
+    """What contaminates an image: hits of particles, or something large."""
+
+    hits: bool = False
+    large: bool = False
+
+
+CLEAN = Contamination()
+
+
+def find_contamination(frame: Frame) -> Contamination:
+    """Return what contaminates the image of a frame."""
+    search = frame.search
+    return Contamination(
+        search.too_many or is_storm(frame.image, search.peaks.uv, search.peaks.level),
+        len(search.lines) + len(search.discs) >= LARGE_PEAKS)
+
+
+def cleaned(image: np.ndarray, mesh: Mesh, contamination: Contamination, sigma_px: float
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return image (H, W) without what contaminates it, and the pixels u, v (N, 2) of hits.
+
+    mesh is its background, sigma_px the width of its stars. What is taken out gets the level of
+    the background.
+    """
+    noise_dn, hits = pixel_noise(image), np.empty((0, 2), int)
+    if contamination.large:
+        image = _without_large(image, over_image(mesh.level, image.shape), noise_dn)
+    if contamination.hits:
+        image, hit = without_hits(image, mesh, noise_dn, sigma_px)
+        hits = np.argwhere(hit)[:, ::-1]
+    return readable(image), hits
+
+
+def _without_large(image: np.ndarray, level: np.ndarray, noise_dn: float) -> np.ndarray:
+    """Return image (H, W) without connected bright pixels that extend over LARGE_PX."""
+    bright = (image > level + np.float32(LARGE_SIGMAS * noise_dn)).astype(np.uint8)
+    _, label, box, _ = cv2.connectedComponentsWithStats(bright, connectivity=8)
+    across = np.maximum(box[:, cv2.CC_STAT_WIDTH], box[:, cv2.CC_STAT_HEIGHT])
+    large = (across > LARGE_PX) & (np.arange(len(box)) > 0)
+    if not large.any():
+        return image
+    side = 2 * MARGIN_PX + 1
+    mask = cv2.dilate(large.astype(np.uint8)[label], np.ones((side, side), np.uint8)) > 0
+    if mask.mean() > MAX_SHARE:
+        return image
+    clean = image.copy()
+    clean[mask] = np.rint(level[mask]).clip(0, np.iinfo(image.dtype).max)
+    return readable(clean)
+
+
+# --- centroids ---
 
 MIN_SIDE_PX = 8
 FILTER_SIGMA_PX = 1.0  # while the PSF sigma is unknown

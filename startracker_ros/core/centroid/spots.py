@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 from startracker_ros.core.centroid.background import measure_background, over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.quota import brightest, CELL_SHARE
 from startracker_ros.core.centroid.smoothing import gaussian_kernel
 from startracker_ros.core.compiled import compiled
 
+CELLS = 8  # along each side of the image,
+CELL_SHARE = 4.0  # each of which gets so many times its share of the spots
 MAX_STARS = 60
 BRIGHT_SPOTS, FAINTEST_SHARE = 12, 0.25
 _FILTER_SIGMA_PX = 1.0
@@ -41,7 +42,7 @@ _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
 def find_spots(image: np.ndarray, cell_share: float = CELL_SHARE, calm: bool = False) -> Centroids:
     """
-    Return the connected spots of an image (H, W), the brightest first; share as in quota.py.
+    Return the connected spots of an image (H, W), the brightest first; share as in brightest().
 
     Calm ones only: not those of trees, buildings and text, which are close together.
     """
@@ -211,3 +212,21 @@ def _first(parent: np.ndarray, i: int) -> int:
         parent[i] = parent[parent[i]]
         i = parent[i]
     return i
+
+
+def brightest(uv: np.ndarray, shape: tuple[int, ...], most: int,
+              cell_share: float = CELL_SHARE) -> np.ndarray:
+    """
+    Return the indices of the first `most` positions uv (K, 2), with a quota for each cell.
+
+    No cell of the image gets more than cell_share times its share while others have any.
+    """
+    if len(uv) <= most:
+        return np.arange(len(uv))
+    cell = (np.floor(uv / [shape[1], shape[0]] * CELLS) @ [1, CELLS]).astype(int)
+    order = np.argsort(cell, kind='stable')
+    first = np.searchsorted(cell[order], cell[order])
+    rank = np.empty(len(uv), int)
+    rank[order] = np.arange(len(uv)) - first
+    beyond = rank >= np.ceil(cell_share * most / CELLS ** 2)
+    return np.sort(np.argsort(beyond, kind='stable')[:most])

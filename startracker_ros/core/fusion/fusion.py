@@ -21,13 +21,14 @@ from startracker_ros.core.astro.observer_motion import EARTH_SIGMA_M_S
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.head import Head, HeadFrame, HeadState
 from startracker_ros.core.fusion.motion import BodyMotion
-from startracker_ros.core.fusion.mount_bank import MountBank, own_coefficients, reopened
 from startracker_ros.core.fusion.mounts import Mount, MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation
 from startracker_ros.core.fusion.steps import MountStep, StepDetector
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.rotation import ARCSEC, sign_continuous
+from startracker_ros.core.maths.compiled_rotation import rotation_between
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, sign_continuous)
+from startracker_ros.core.track.tracks import Hint
 
 RETURN_GATE = 9.0
 """
@@ -36,7 +37,7 @@ At which two heads begin or a head counts again: the state then changes by 3 sig
 Chance exceeds it in one of 34 frames, and is only later for it. GATE, which chance exceeds once
 in a million frames, lets an error of 4 sigma in.
 """
-MANOEUVRES = (10.0, 100.0)
+LONE_HEAD_FACTORS = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
 MANOEUVRE_FRAMES = 10
@@ -173,7 +174,7 @@ class AttitudeFusion:
             return None
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
-            for factor in MANOEUVRES:
+            for factor in LONE_HEAD_FACTORS:
                 predicted = self.motion.propagated(before, frame.stamp_ns, factor)
                 innovation = self._innovation(predicted, head, frame)
                 if innovation.nis <= GATE:
@@ -326,7 +327,7 @@ class AttitudeFusion:
         for other in self._candidates(head, frame):
             # Heads that have agreed before see a manoeuvre, others may be wrong by its size.
             known = self._history and {head.state, other.state} == {HeadState.USED}
-            factor = MANOEUVRES[-1 if known else 0]
+            factor = LONE_HEAD_FACTORS[-1 if known else 0]
             entries = self._begun(other, factor)
             if other is not head:
                 state = self.motion.at_constant_rate(entries[-1].state, frame.stamp_ns, factor)
@@ -453,3 +454,71 @@ def warm_up() -> None:
         fusion.add_rate(stamp_ns, np.zeros(3))
         fusion.add_frame('head', HeadFrame(
             stamp_ns, np.array([0.0, 0.0, 0.0, 1.0]), np.eye(3) * ARCSEC ** 2))
+
+
+def hint_for(fusion: AttitudeFusion, name: str, fused: FusedAttitude) -> Hint:
+    """Return the fused attitude and rate on the axes of a head, with the error of its mount."""
+    mount, covariance = fusion.mounts.at(name, fused.stamp_ns)
+    R = matrix_from_quaternion(mount)
+    return Hint(fused.stamp_ns, multiply(fused.quaternion, mount),
+                R.T @ (fused.covariance + covariance) @ R,
+                R.T @ fused.rate_rad_s, R.T @ fused.rate_covariance @ R)
+
+
+# --- the mounts of all heads as learnt so far: out of the state of the fusion, or of the file ---
+
+
+class MountBank:
+    """coefficients (M,) rad of all mounts and their covariance (M, M), by the newest state."""
+
+    def __init__(self, heads: Mapping[str, Head]) -> None:
+        self._heads = heads
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to what files and options have."""
+        priors = [head.prior for head in self._heads.values()]
+        self.coefficients = np.concatenate([mean for mean, _ in priors])
+        self.covariance = np.zeros((len(self.coefficients), len(self.coefficients)))
+        for head, (_, covariance) in zip(self._heads.values(), priors):
+            own = own_coefficients(head)
+            self.covariance[own, own] = covariance
+
+    def follow(self, state: FusedState) -> None:
+        """Use the mounts of a state."""
+        self.coefficients, self.covariance = state.coefficients, state.covariance[BODY:, BODY:]
+
+    def learnt(self) -> dict[str, Mount]:
+        """Return the mounts for the file."""
+        return {name: head.learnt(self.coefficients[own_coefficients(head)],
+                                  self.covariance[own_coefficients(head), own_coefficients(head)])
+                for name, head in self._heads.items()}
+
+    def misalignment(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""
+        head = self._heads[name]
+        B, own = head.sensitivity(stamp_ns), own_coefficients(head)
+        return B @ self.coefficients[own], B @ self.covariance[own, own] @ B.T
+
+    def at(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return q_body_from_sensor (4,) at a time, bent as learnt, and its covariance (3, 3)."""
+        offset, covariance = self.misalignment(name, stamp_ns)
+        mount = self._heads[name].mount.quaternion
+        return multiply(quaternion_from_rotation_vector(offset), mount), covariance
+
+    def implausible(self, stamp_ns: int) -> list[Head]:
+        """Return the heads whose mounts have left what their files allow."""
+        return [head for head in self._heads.values() if not head.is_plausible(
+            self.coefficients[own_coefficients(head)], stamp_ns)]
+
+
+def own_coefficients(head: Head) -> slice:
+    """Return the slice of a head in the coefficients (M,) of all."""
+    return slice(head.columns.start - BODY, head.columns.stop - BODY)
+
+
+def reopened(state: FusedState, head: Head, step: MountStep) -> FusedState:
+    """Return a state that does not know the mount that has made a step."""
+    first, P = head.columns.start, state.covariance.copy()
+    P[range(first, first + 3), range(first, first + 3)] += float(step.size_rad @ step.size_rad)
+    return state._replace(covariance=P)

@@ -12,9 +12,8 @@ import math
 
 import numpy as np
 from startracker_ros.core.astro.epoch import RESTART_NS
-from startracker_ros.core.fusion.filter_steps import body_attitude
 from startracker_ros.core.fusion.mounts import basis, Mount, MountOptions
-from startracker_ros.core.fusion.state import GATE, Measurement
+from startracker_ros.core.fusion.state import body_attitude, GATE, Measurement
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 

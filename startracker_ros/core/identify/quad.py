@@ -17,7 +17,7 @@ from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
-from startracker_ros.core.attitude.davenport import davenport
+from startracker_ros.core.attitude.solution import davenport
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog

@@ -11,6 +11,7 @@ from startracker_ros.core.astro.aberration import aberrate
 from startracker_ros.core.camera.lens import distortion_jacobian, Lens, ray, undistort
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,7 @@ def _direction_and_covariance(lens: Lens, u: float, v: float, sigma_px: float, q
     """
     a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
     xx, cross, yy = distortion_jacobian(lens.terms, a, b)
-    x, y, z, w = q
-    matrix = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    matrix = matrix_from_quaternion(q)
     direction[:] = matrix @ np.array(ray(lens.equidistant, a, b))
     ds_dab = _ray_jacobian(lens.equidistant, a, b)
     dab_duv = np.array([[yy / lens.fx, -cross / lens.fy],

@@ -9,9 +9,69 @@ q_icrf_from_sensor rotates sensor-frame vectors into ICRF: v_icrf = R(q) v_senso
 The sensor frame is optical: x right, y down, z along the boresight out of the lens.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
-from startracker_ros.core.maths import quaternion
+
+# --- formulas of unit quaternions x, y, z, w (Hamilton): a number or an array per component ---
+#
+# The same functions serve arrays here and single rotations in compiled_rotation.py.
+
+Components = tuple[Any, Any, Any, Any]
+
+
+def product(a: Any, b: Any) -> Components:
+    """Return the Hamilton product a b: first the rotation b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz)
+
+
+def from_rotation_vector(rotation: Any) -> Components:
+    """Return q = [v sin(a / 2) / a, cos(a / 2)] of a rotation vector v of length a in rad."""
+    x, y, z = rotation
+    half = np.sqrt(x * x + y * y + z * z) / 2
+    # sinc keeps the limit of sin(a / 2) / a at zero.
+    scale = np.sinc(half / np.pi) / 2
+    return x * scale, y * scale, z * scale, np.cos(half)
+
+
+def matrix_rows(q: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """Return the rows of the rotation matrix R(q)."""
+    x, y, z, w = q
+    return ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)))
+
+
+def from_matrix(rows: Any) -> Components:
+    """
+    Return the quaternion, w >= 0, of the rows of one rotation matrix (Shepperd 1978).
+
+    4 q q^T is linear in the matrix. Its row with the largest diagonal element is the
+    quaternion up to scale, without loss of precision.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    largest = max(xx, yy, zz, xx + yy + zz)
+    if xx == largest:
+        x, y, z, w = 1 + xx - yy - zz, xy + yx, xz + zx, zy - yz
+    elif yy == largest:
+        x, y, z, w = xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx
+    elif zz == largest:
+        x, y, z, w = xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy
+    else:
+        x, y, z, w = zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    if w < 0:
+        length = -length
+    return x / length, y / length, z / length, w / length
+
+
+# --- arrays ---
 
 ARCSEC = np.pi / (180 * 3600)
 """One second of arc in radians."""
@@ -22,21 +82,21 @@ def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
     q = np.asarray(q, float)
     if q.ndim == 1:
         # Python's floats are several times faster than NumPy's for a single quaternion.
-        return np.array(quaternion.matrix_rows(q.tolist()))
-    return np.moveaxis(np.array(quaternion.matrix_rows(np.moveaxis(q, -1, 0))), (0, 1), (-2, -1))
+        return np.array(matrix_rows(q.tolist()))
+    return np.moveaxis(np.array(matrix_rows(np.moveaxis(q, -1, 0))), (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
     """Return the unit quaternion (4,), w >= 0, of one rotation matrix (3, 3)."""
-    return np.array(quaternion.from_matrix(np.asarray(matrix, float).tolist()))
+    return np.array(from_matrix(np.asarray(matrix, float).tolist()))
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the Hamilton product a b, (..., 4): first b, then a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim == b.ndim == 1:
-        return np.array(quaternion.product(a.tolist(), b.tolist()))
-    return np.stack(quaternion.product(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)), -1)
+        return np.array(product(a.tolist(), b.tolist()))
+    return np.stack(product(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)), -1)
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
@@ -53,8 +113,8 @@ def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
     """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
     rotation = np.asarray(rotation, float)
     if rotation.ndim == 1:
-        return np.array(quaternion.from_rotation_vector(rotation.tolist()))
-    return np.stack(quaternion.from_rotation_vector(np.moveaxis(rotation, -1, 0)), -1)
+        return np.array(from_rotation_vector(rotation.tolist()))
+    return np.stack(from_rotation_vector(np.moveaxis(rotation, -1, 0)), -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Order and median of a few values, for compiled functions."""
+"""Order and median of a few values, for compiled functions; connected nodes of a graph."""
 
 import numpy as np
 from startracker_ros.core.compiled import compiled
@@ -52,3 +52,13 @@ def upper_median(values: np.ndarray) -> float:
     for k, value in enumerate(values):
         insert_sorted(ordered, k, value)
     return ordered[len(values) // 2]
+
+
+def lowest_connected(pairs: np.ndarray, size: int) -> np.ndarray:
+    """Return for each node (size,) of the graph of pairs (P, 2) the lowest one it connects to."""
+    lowest = np.arange(size)
+    while (lowest[pairs[:, 0]] != lowest[pairs[:, 1]]).any():
+        # Propagate the lowest index over the edges, then shorten the paths to it.
+        np.minimum.at(lowest, pairs, lowest[pairs].min(axis=1, keepdims=True))
+        lowest = lowest[lowest]
+    return lowest

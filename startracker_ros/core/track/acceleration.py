@@ -32,9 +32,9 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.normal_tail import tail_sigmas
+from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.small_algebra import inverse
+from startracker_ros.core.track.rate_jumps import tail_sigmas
 
 MEMORY = 0.93  # of the squared errors of the frames before
 SIGNIFICANT = 5.0  # standard deviations of a mean squared error by chance, of few frames

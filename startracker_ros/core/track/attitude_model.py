@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
+from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE, Prediction
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, rate_text
 from startracker_ros.core.attitude.result import pointing_covariance
@@ -17,33 +17,31 @@ from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import is_positive_definite
 from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, STEADY
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.gyro_agreement import GyroAgreement
-from startracker_ros.core.track.hidden_jumps import HiddenJumps
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.process_noise import ProcessNoise
-from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
+from startracker_ros.core.track.rate_jumps import HiddenJumps, Mixture, NO_JUMP, RateJumps
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
-from startracker_ros.core.track.stamp_differences import measured_turn
-from startracker_ros.core.track.stamp_jitter import StampJitter
-from startracker_ros.core.track.start import NIS_GATE, Start
+from startracker_ros.core.track.stamp_jitter import measured_turn, StampJitter
+from startracker_ros.core.track.start import Start
 from startracker_ros.core.track.tracks import Acceleration
 
-MANOEUVRES = (10.0, 100.0, 1000.0)
+MANOEUVRE_HYPOTHESES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
 of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
 covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
 
-LIKELY = 7.8
+LIKELY = gate(0.05, 3)
 """Chi-square of three axes that one frame in twenty exceeds, by which a manoeuvre is as large as
 the innovation: the least one within the gate would leave up to NIS_GATE, and a rate that is wrong
 by as much."""
@@ -273,11 +271,11 @@ class AttitudeModel(StarModel):
         else:
             nominal = self._propagated(state, stamp_ns, density)
             yield _Hypothesis(False, nominal.state, nominal)
-        for factor in MANOEUVRES:
+        for factor in MANOEUVRE_HYPOTHESES:
             yield _Hypothesis(
                 False,
                 self._propagated(state.inflated(factor), stamp_ns, factor ** 2 * density).state,
-                gate=NIS_GATE if factor == MANOEUVRES[-1] else LIKELY)
+                gate=NIS_GATE if factor == MANOEUVRE_HYPOTHESES[-1] else LIKELY)
 
     def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
                     ) -> Prediction:

@@ -9,10 +9,11 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
 from startracker_ros.core.track.bank import associated_columns, Association
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import on_image
-from startracker_ros.core.track.detected_stars import detected_residuals
+from startracker_ros.core.track.motion_models import image_flows
 
 
 class Followed(NamedTuple):
@@ -59,3 +60,28 @@ def followed(lens: Lens, state: AttitudeState, icrf: np.ndarray, variance: np.nd
     detected, residuals = detected_residuals(
         lens, state, icrf, track, confirmed, distance, best, measured.uv, measured.error)
     return Followed(track, covariance, association, detected, residuals)
+
+
+@compiled
+def detected_residuals(lens: Lens, state: AttitudeState, icrf: np.ndarray, track: np.ndarray,
+                       confirmed: np.ndarray, distance: np.ndarray, best: np.ndarray,
+                       uv: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, Residuals]:
+    """
+    Return the detected stars (K,) among N confirmed or new ones, and their residuals.
+
+    icrf (N, 3) are their directions, track (N, 4) their states by the attitude, as in
+    motion_models; distance and best (N,) are those of a Correction by centroids uv (M, 2) of
+    covariance error (M, 2, 2).
+    """
+    seen = np.flatnonzero(np.isfinite(distance) & confirmed)
+    flow = image_flows(lens, sensor_directions(
+        matrix_from_quaternion(state.quaternion), icrf[seen]))
+    stars = Residuals(np.empty((len(seen), 2)), np.empty((len(seen), 2)), error[best[seen]], flow,
+                      np.zeros((len(seen), 2)))
+    for n in range(len(seen)):
+        for axis in range(2):
+            stars.uv[n, axis] = uv[best[seen[n]], axis]
+            stars.residual[n, axis] = stars.uv[n, axis] - track[seen[n], 2 * axis]
+            for k in range(3):
+                stars.velocity[n, axis] += flow[n, axis, k] * state.rate[k]
+    return seen, stars

@@ -10,10 +10,9 @@ seconds a rate that is off by e is seen once e T exceeds the noise of both and t
 """
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.track.start import NIS_GATE
+from startracker_ros.core.maths.compiled_rotation import rotation_between
 
 LONGEST = 100  # frames, after which the comparison begins anew
 AGAIN = 30  # frames that must agree after a contradiction

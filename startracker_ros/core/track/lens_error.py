@@ -18,13 +18,15 @@ it.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.track.consistency import Residuals
-from startracker_ros.core.track.detected_stars import (
-    add_residuals, LensMemory, relative_scale, SIGNIFICANT)
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.track.consistency import lens_sums, Residuals
 
+MEMORY = 0.98  # of the sums of the frames before
+SIGNIFICANT = 4.0  # standard deviations of their mean by chance
 LEAST_STARS = 6
 
 
@@ -66,3 +68,64 @@ class LensError:
         self.scale, self.lens = scale, lens._replace(
             fx=(1 + scale) * lens.fx, fy=(1 + scale) * lens.fy)
         return first
+
+
+# --- the arithmetic of one frame: compiled ---
+
+
+class LensMemory(NamedTuple):
+    """
+    Sums over the frames before, and the last frame.
+
+    outwards and square as in LensSums; product, weight and chance are sums over pairs of
+    residuals of a star in two frames in a row: of their weighted products, of the weighted share
+    of the variance that they hold, and of the variance of the product by chance. star_index (K,),
+    residual (K, 2) px and variance (K,) px^2 are those of the last frame.
+    """
+
+    outwards: float
+    square: float
+    product: float
+    weight: float
+    chance: float
+    star_index: np.ndarray
+    residual: np.ndarray
+    variance: np.ndarray
+
+
+@compiled
+def relative_scale(outwards: float, square: float) -> float:
+    """Return the scale k = d^T W r / d^T W d, zero where it is not significant."""
+    return outwards / square if outwards ** 2 > SIGNIFICANT ** 2 * square else 0.0
+
+
+@compiled
+def add_residuals(memory: LensMemory, star_index: np.ndarray, stars: Residuals, axis: np.ndarray,
+                  scale: float) -> LensMemory:
+    """
+    Return the memory after a frame of residuals of catalogue entries (K,), axis (2,) px.
+
+    The residuals are those beside a scale, and outwards is that of all of it.
+    Of a star in both frames the mean product of two axes, p = r_k . r_k-1 / 2, has the weight
+    w = 1 / (v_k v_k-1), and by chance the variance w / 2 of w p.
+    """
+    sums = lens_sums(stars.uv, stars.residual, stars.error, stars.flow, axis)
+    outwards = MEMORY * memory.outwards + sums.outwards + scale * sums.square
+    square = MEMORY * memory.square + sums.square
+    residual = sums.residual - (relative_scale(outwards, square) - scale) * sums.away
+    product = weight = chance = 0.0
+    pairs = 0
+    for now in range(len(star_index)):
+        for before in range(len(memory.star_index)):
+            if star_index[now] != memory.star_index[before]:
+                continue
+            w = 1 / (sums.variance[now] * memory.variance[before])
+            product += w * (residual[now, 0] * memory.residual[before, 0]
+                            + residual[now, 1] * memory.residual[before, 1]) / 2
+            weight += w * sums.left[now]
+            chance += w / 2
+            pairs += 1
+    fade = MEMORY if pairs else 1.0
+    return LensMemory(outwards, square, fade * memory.product + product,
+                      fade * memory.weight + weight, fade ** 2 * memory.chance + chance,
+                      star_index, residual, sums.variance)

@@ -19,22 +19,21 @@ from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
+from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.attitude_model import AttitudeModel
 from startracker_ros.core.track.bank import TrackBank
 from startracker_ros.core.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
-from startracker_ros.core.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
-from startracker_ros.core.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars, zero_point
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
-from startracker_ros.core.track.repetition import REPEATED, Repetition
 from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
-from startracker_ros.core.track.start import HintedStart, Start, start_of_prediction, start_of_two
+from startracker_ros.core.track.start import (
+    fit_identified, HintedStart, IdentifiedFrame, Start, start_of_prediction, start_of_two)
 from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
@@ -507,3 +506,79 @@ def make_model(camera: Camera, options: TrackerOptions, gyro: Gyro) -> StarModel
         return AttitudeModel(camera, options, gyro)
     model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
     return model(camera, options, gyro)
+
+
+# --- frames of a source that is frozen: two exposures never have the same noise ---
+
+REPEATED = 'the centroids are those of the frame before, with their noise'
+_MEASURED_PX = 0.02  # by which one image may give other positions, searched in another way
+
+
+class Repetition:
+    """Compares each frame of centroids with the one before it that has any."""
+
+    def __init__(self) -> None:
+        self._before = np.empty((0, 2))
+        self._vary = False
+
+    def add(self, frame: Centroids) -> bool:
+        """
+        Add a frame; return whether it is the one before, of a source whose frames have differed.
+
+        A frame that is shown again and again from the start is no fault.
+        """
+        if not len(frame):
+            return False
+        # A caller may use the same array again.
+        before, self._before = self._before, frame.uv.copy()
+        if len(before) and not self._vary:
+            brightest_px = np.linalg.norm(before - frame.uv[0], axis=1).min()
+            self._vary = bool(brightest_px > _MEASURED_PX)
+        return self._vary and np.array_equal(before, frame.uv)
+
+
+# --- which centroids are used, which tracks are kept: compiled ---
+
+
+@compiled
+def usable_centroids(uv: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return which centroids (N,) have a finite position and a positive sigma; how many not."""
+    good, rejected = np.empty(len(uv), np.bool_), 0
+    for n in range(len(uv)):
+        good[n] = (np.isfinite(uv[n, 0]) and np.isfinite(uv[n, 1])
+                   and np.isfinite(sigma_px[n]) and sigma_px[n] > 0)
+        rejected += not good[n]
+    return good, rejected
+
+
+@compiled
+def kept_tracks(crowded: np.ndarray, missed: np.ndarray, age: np.ndarray, confirmed: np.ndarray,
+                most_missed: float) -> np.ndarray:
+    """
+    Return which tracks (N,) are kept: not near a planet, and not missed too often.
+
+    Confirmed ones may be missed in most_missed frames in a row, new ones in half of their age.
+    """
+    kept = np.empty(len(missed), np.bool_)
+    for n in range(len(missed)):
+        kept[n] = not crowded[n] and missed[n] <= (most_missed if confirmed[n] else age[n] // 2)
+    return kept
+
+
+@compiled
+def kept_after_fit(kept: np.ndarray, normalised: np.ndarray, most_sigmas: float,
+                   missed: np.ndarray, age: np.ndarray, confirmed: np.ndarray, confirm_frames: int
+                   ) -> tuple[np.ndarray, np.ndarray, int]:
+    """
+    Return which tracks (N,) are kept after a fit, which are confirmed, and how many are new.
+
+    normalised (N,) are the residuals in sigma: an outlier is not kept. A track seen in this frame
+    is confirmed from an age of confirm_frames on.
+    """
+    left, after, new = np.empty(len(kept), np.bool_), np.empty(len(kept), np.bool_), 0
+    for n in range(len(kept)):
+        seen = missed[n] == 0
+        left[n] = kept[n] and not (seen and normalised[n] > most_sigmas)
+        after[n] = confirmed[n] or (seen and age[n] >= confirm_frames)
+        new += after[n] and not confirmed[n]
+    return left, after, new

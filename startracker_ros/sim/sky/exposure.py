@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.shake import ShakenMotion, uneven_instants

@@ -27,7 +27,7 @@ from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from startracker_ros.core.astro.bodies import bodies_at
 from startracker_ros.core.astro.epoch import catalogue_epoch
-from startracker_ros.core.attitude.pointing import pointing_sigma
+from startracker_ros.core.attitude.result import pointing_sigma
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.constellations import constellation_at
 from startracker_ros.core.centroid.extraction import CentroidExtractor

@@ -6,8 +6,8 @@
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.astro.earth import gcrs_from_itrf
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.frames import gcrs_from_itrf
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_matrix, quaternion_from_rotation_vector,
     rotation_vector_from_quaternion)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
-from startracker_ros.core.maths.graph import lowest_connected
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import ARCSEC, east_and_north, unit_from_radec
+from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.track.tracklets import tangent
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
 
@@ -25,7 +25,7 @@ _ORBIT_RAD_S2 = 1.2e-6
 """Standard deviation of the acceleration by the gravity of the Earth: the square of the rate in a
 low orbit."""
 
-_GATE = float(chdtri(4, 1e-4))
+_GATE = gate(1e-4, 4)
 
 
 class _Motion(NamedTuple):

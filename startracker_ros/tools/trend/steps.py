@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 FALSE_ALARM = 1e-10
@@ -61,7 +61,7 @@ def find_steps(stamp_ns: np.ndarray, values: np.ndarray, orbit_s: float) -> Step
     time_s = (stamps - stamps[0]) * 1e-9
     whitening, unwhitened = _whitening(values[known])
     white, found = values[known] @ whitening, list[Step]()
-    limit = chdtri(columns, FALSE_ALARM)
+    limit = gate(FALSE_ALARM, columns)
     scale = np.ones(columns)
     size, variance = _fits(time_s, white, orbit_s)
     while len(found) < _MOST_STEPS:

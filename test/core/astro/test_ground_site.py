@@ -11,8 +11,8 @@ import pytest
 from skyfield.api import load, wgs84
 from skyfield.framelib import ICRS_to_J2000
 from startracker_ros.core.astro.aberration import refract
+from startracker_ros.core.astro.earth import gcrs_from_itrf, gcrs_from_j2000
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
-from startracker_ros.core.astro.frames import gcrs_from_itrf, gcrs_from_j2000
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.maths.rotation import ARCSEC
 

@@ -5,7 +5,7 @@
 
 from hypothesis import given, strategies as st
 import numpy as np
-from startracker_ros.core.attitude.pointing import pointing_sigma
+from startracker_ros.core.attitude.result import pointing_sigma
 from startracker_ros.core.maths.rotation import (
     attitude_error, east_and_north, multiply, quaternion_from_pointing,
     quaternion_from_rotation_vector, rotate)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from startracker_ros.core.attitude.davenport import davenport
 from startracker_ros.core.attitude.estimate import (
     AttitudeError, cramer_rao, estimate_attitude, mean_chi2, SOLVERS)
+from startracker_ros.core.attitude.solution import davenport
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, multiply, rotate
 
 OPTIMAL = [name for name in SOLVERS if name != 'triad']

@@ -16,12 +16,11 @@ from startracker_ros.core.centroid.noise import NoiseModel
 from startracker_ros.core.centroid.point_stars import drifted, duplicates
 from startracker_ros.core.centroid.pointing_error import pointing_error, UNCERTAIN
 from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
-from startracker_ros.core.centroid.quota import brightest, CELL_SHARE, CELLS
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.shape import classify_shapes, lone_pixel, MARGIN
 from startracker_ros.core.centroid.smoothing import (
     filter_across, filter_down, filtered_at, gaussian_kernel)
-from startracker_ros.core.centroid.spots import connected_spots
+from startracker_ros.core.centroid.spots import brightest, CELL_SHARE, CELLS, connected_spots
 from startracker_ros.core.centroid.windowed_search import peaks_near
 
 NOISE, BACKGROUND = NoiseModel(0.8), 100.0

@@ -11,8 +11,8 @@ from star_windows import psf_image, windows_of
 from startracker_ros.core.centroid.background import readable
 from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
 from startracker_ros.core.centroid.noise import NoiseModel, pixel_variance
-from startracker_ros.core.centroid.noise_fit import refine_noise_model
 from startracker_ros.core.centroid.normal_equations import invert
+from startracker_ros.core.centroid.point_stars import refine_noise_model
 from startracker_ros.core.centroid.psf import D_CENTRE, D_SIGMA, LEVEL, profile, SHARE
 from startracker_ros.core.centroid.streak_fit import fit_streaks, Pixels, share_at
 

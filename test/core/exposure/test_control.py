@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.exposure.control import (
-    ControlState, ExposureLimits, ExposureOptions, next_setting, Setting)
+    ControlState, Converter, ExposureLimits, ExposureOptions, information, next_setting, Setting)
 from startracker_ros.core.exposure.image_figures import ImageFigures
-from startracker_ros.core.exposure.information import Converter, information
 
 FRAMES = 50
 FIXED_MS = 50.0, 300.0

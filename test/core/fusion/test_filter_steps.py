@@ -5,8 +5,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.fusion.filter_steps import (
-    body_attitude, correction, innovation, propagated)
+from startracker_ros.core.fusion.state import body_attitude, correction, innovation, propagated
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector,
     random_attitude)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from startracker_ros.core.maths import compiled_rotation, rotation
-from startracker_ros.core.maths.compiled_quaternion import multiplied, rotation_between
+from startracker_ros.core.maths.compiled_rotation import multiplied, rotation_between
 
 RNG = np.random.default_rng(2)
 # Half turns about every axis leave each of the four branches nearly singular.

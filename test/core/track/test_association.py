@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 from startracker_ros.core.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
-from startracker_ros.core.track.joint_events import marginals, OPEN_CENTROIDS
+    event_weights, gate_size, gated_density, joint_probabilities, marginals, OPEN_CENTROIDS)
 
 
 def brute_force(weight):

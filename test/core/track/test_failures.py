@@ -9,8 +9,7 @@ from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track import attitude_model
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.repetition import REPEATED
-from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.core.track.track_filter import REPEATED, TrackerState, TrackFilter
 
 ONBOARD = sky()
 
@@ -35,7 +34,7 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypat
     motion = Motion(ONBOARD, (0.0, 0.1, 0.0), sigma_px=0.05)
     tracker = tracking(motion, max_bad_frames=1000)
     # Without the hypotheses of manoeuvres, which follow it.
-    monkeypatch.setattr(attitude_model, 'MANOEUVRES', ())
+    monkeypatch.setattr(attitude_model, 'MANOEUVRE_HYPOTHESES', ())
     # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
     monkeypatch.setattr(attitude_model, 'DIVERGED_SIGMAS', 10.0)
     for frame in range(12, 17):

@@ -6,11 +6,9 @@
 import numpy as np
 import pytest
 from startracker_ros.core.attitude.attitude_state import AttitudeState
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.core.track.hidden_jumps import HiddenJumps
-from startracker_ros.core.track.rate_jumps import RateJumps
+from startracker_ros.core.track.rate_jumps import HiddenJumps, RateJumps
 
 DT_NS = 100_000_000
 DT_S = DT_NS * 1e-9

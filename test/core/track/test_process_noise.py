@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.track.process_noise import ProcessNoise
 

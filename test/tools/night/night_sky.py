@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from startracker_ros.core.astro.constants import YEAR_S
+from startracker_ros.core.astro.earth import gcrs_from_itrf
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.astro.frames import gcrs_from_itrf
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
