@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
-from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, MessageError, protection_from_message, read_cloud,
     STAR_DTYPE, TRACK_DTYPE)
-from startracker_ros.io.bags.reader import BagMessage, BagTopic, read_messages, read_topics
+from startracker_ros.io.bags.reader import (
+    BagMessage, BagTopic, read_messages, read_topics, why_nothing)
 from startracker_ros.io.recordings.recording import (
     ATTITUDE_TOPICS, Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
 
