@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.io.bags.cdr import read_stamp_ns
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, MessageError, protection_from_message, read_cloud,
@@ -152,7 +153,7 @@ class _Reader:
             if message.type_name != type_name:
                 raise MessageError(f'type {message.type_name!r} is not {type_name}')
             if handler is None:
-                self._note_time(topic, _image_stamp_ns(message.data), message)
+                self._note_time(topic, read_stamp_ns(message.data), message)
             else:
                 # What is no number shows in the checks of the handlers.
                 with np.errstate(all='ignore'):
@@ -312,12 +313,3 @@ def _about_sensor_axes(covariance_icrf: np.ndarray, quaternion: np.ndarray) -> n
 def _level(level: bytes | int) -> int:
     """Return the number of a DiagnosticStatus level, which decoders give as byte or number."""
     return level[0] if isinstance(level, bytes) else int(level)
-
-
-def _image_stamp_ns(cdr: bytes) -> int:
-    """Return the stamp of a serialized Image: the first two words after the CDR header."""
-    if len(cdr) < 12:
-        raise MessageError(f'{len(cdr)} bytes are no image')
-    order = '<' if cdr[1] & 1 else '>'
-    seconds = int(np.frombuffer(cdr, f'{order}i4', 1, offset=4)[0])
-    return seconds * 10 ** 9 + int(np.frombuffer(cdr, f'{order}u4', 1, offset=8)[0])
