@@ -26,8 +26,8 @@ from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.io.bags.layouts import rate_from_imu
 from startracker_ros.io.bags.qos import QosProfile
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import (

@@ -16,7 +16,8 @@ from startracker_ros.core.astro.epoch import (
     catalogue_epoch, CatalogueEpoch, NOT_STAMPED, RESTART_NS)
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, MessageError, ns_from_stamp, rate_from_imu, SENSOR_FRAME_ID)
+    camera_from_message, MessageError, ns_from_stamp, SENSOR_FRAME_ID)
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN

@@ -6,7 +6,8 @@
 from nav_msgs.msg import Odometry
 from startracker_ros.core.astro.observer_motion import (
     AberrationOptions, MotionError, ObserverMotion)
-from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, state_from_odometry
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions

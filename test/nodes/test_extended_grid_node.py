@@ -15,8 +15,8 @@ from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
-from startracker_ros.io.bags.layouts import (
-    MessageError, ns_from_stamp, rate_from_imu, read_cloud, STAR_DTYPE)
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, centroids_to_message

@@ -21,7 +21,8 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
-from startracker_ros.io.bags.layouts import ns_from_stamp, rate_from_imu, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import (

@@ -415,12 +415,11 @@ def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
     return header, Quaternion(*doubles.tolist())
 
 
-def read_stamp_ns(cdr: bytes) -> int:
+def read_stamp(cdr: bytes) -> Stamp:
     """Return the stamp of a message that begins with a header, in either order of its bytes."""
     if len(cdr) < 12:
         raise MessageError(f'{len(cdr)} bytes are no message with a header')
-    seconds, nanoseconds = struct.unpack_from('<iI' if cdr[1] & 1 else '>iI', cdr, 4)
-    return seconds * 1_000_000_000 + nanoseconds
+    return Stamp(*struct.unpack_from('<iI' if cdr[1] & 1 else '>iI', cdr, 4))
 
 
 def _read_header(cdr: bytes) -> tuple[Header, int]:

@@ -4,14 +4,17 @@
 """Clouds `centroids`, `stars`, `tracks` and `tracker_state` out of results of the stages."""
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids, ROUND, UNKNOWN_EXPOSURE
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.track.track_filter import TrackFilter
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
+
+if TYPE_CHECKING:
+    from startracker_ros.core.track.track_filter import TrackFilter
 
 
 def centroid_rows(centroids: Centroids, camera: Camera, windowed: bool = False) -> np.ndarray:
@@ -119,7 +122,7 @@ def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.
 STATE_NAME = 'star_tracker: state'
 
 
-def tracker_state_values(tracker: TrackFilter) -> dict[str, object]:
+def tracker_state_values(tracker: 'TrackFilter') -> dict[str, object]:
     """Return the values of a tracker after its newest frame."""
     return {
         'stars_matched': tracker.stars_matched,

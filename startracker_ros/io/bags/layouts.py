@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Layouts of messages, free of ROS: fields of the clouds, stamps, pixels, camera_info, telemetry.
+Layouts of messages, free of ROS: fields of the clouds, stamps, pixels and camera_info.
 
 They serve the nodes, whose messages rclpy makes, and readers of bags, whose messages come from
 other decoders: every function here reads attributes only.
@@ -10,16 +10,14 @@ other decoders: every function here reads attributes only.
 
 from collections.abc import Callable
 from functools import lru_cache
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.core.astro.state import State
-from startracker_ros.core.camera.calibrated import calibrated_camera, check_pixels, check_sensor
+from startracker_ros.core.camera.calibrated import (
+    calibrated_camera, check_pixels, check_sensor)
 from startracker_ros.core.camera.levels import (
     CELL_PX, colour_levels, has_swapped_bytes, mosaic_levels)
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.maths.rotation import rotate
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
 _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
@@ -272,43 +270,3 @@ def rotation_covariance(covariance: np.ndarray) -> np.ndarray:
     whole = np.zeros((6, 6))
     whole[3:, 3:] = covariance
     return whole
-
-
-# --- rates and positions ---
-
-def rate_from_imu(message: Any) -> np.ndarray:
-    """Return the rate (3,) in rad/s of `imu`; MessageError when it says that it has none."""
-    if message.angular_velocity_covariance[0] == -1:
-        raise MessageError('angular_velocity_covariance[0] is -1: imu has no angular velocity')
-    rate = message.angular_velocity
-    return np.array([rate.x, rate.y, rate.z])
-
-
-def unit_quaternion(q: Any) -> np.ndarray:
-    """Return a rotation (4,); MessageError where the norm is not 1."""
-    if not abs(math.hypot(q.x, q.y, q.z, q.w) - 1) < 1e-6:
-        raise MessageError(f'orientation {[q.x, q.y, q.z, q.w]} is no attitude')
-    return np.array([q.x, q.y, q.z, q.w])
-
-
-def state_from_odometry(message: Any, inertial_frame_id: str) -> State:
-    """
-    Return position and velocity on inertial axes; MessageError names what is wrong.
-
-    The twist is in child_frame_id: turned by the orientation, unless that is the inertial
-    frame itself.
-    """
-    if message.header.frame_id != inertial_frame_id:
-        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
-    position, twist = message.pose.pose.position, message.twist.twist.linear
-    velocity_m_s = np.array([twist.x, twist.y, twist.z])
-    if not np.any(velocity_m_s):
-        raise MessageError('twist without a velocity')
-    if message.child_frame_id != inertial_frame_id:
-        velocity_m_s = rotate(
-            unit_quaternion(message.pose.pose.orientation), velocity_m_s)
-    state = State(np.array([position.x, position.y, position.z]), velocity_m_s,
-                  np.reshape(message.pose.covariance, (6, 6))[:3, :3])
-    if not all(np.isfinite(part).all() for part in state):
-        raise MessageError('position, velocity or their covariance is not finite')
-    return state

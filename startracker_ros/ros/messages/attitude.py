@@ -11,8 +11,8 @@ from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_ic
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.layouts import (
-    MessageError, ns_from_stamp, rotation_covariance, unit_quaternion)
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
+from startracker_ros.io.bags.telemetry import unit_quaternion
 from startracker_ros.ros.messages.header import quaternion_to_geometry, vector_to_geometry
 from std_msgs.msg import Header
 

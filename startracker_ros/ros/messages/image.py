@@ -5,6 +5,7 @@
 
 import sys
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
@@ -12,7 +13,6 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import ns_from_stamp
-from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 
@@ -41,8 +41,8 @@ def image_message_from_cdr(data: bytes) -> Image:
     rclpy would copy the pixels three times.
     """
     read = cdr.read_image(data)
-    message = Image(header=make_header(read.header.stamp_ns, read.header.frame_id),
-                    height=read.height, width=read.width, encoding=read.encoding,
+    header = Header(stamp=Time(**read.header.stamp._asdict()), frame_id=read.header.frame_id)
+    message = Image(header=header, height=read.height, width=read.width, encoding=read.encoding,
                     is_bigendian=read.is_bigendian, step=read.step)
     set_image_data(message, read.data)
     return message

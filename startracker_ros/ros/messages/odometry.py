@@ -7,7 +7,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.maths.rotation import conjugate, rotate
-from startracker_ros.io.bags.layouts import MessageError, unit_quaternion
+from startracker_ros.io.bags.layouts import MessageError
+from startracker_ros.io.bags.telemetry import unit_quaternion
 from startracker_ros.ros.messages.header import quaternion_to_geometry, vector_to_geometry
 from startracker_ros.sim.sky.motion_state import MotionState
 from std_msgs.msg import Header

@@ -12,12 +12,13 @@ from copy import copy
 from functools import lru_cache
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from startracker_ros.io.bags import cdr
-from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr
+from std_msgs.msg import Header
 
 
 def is_read_here(message_type: type) -> bool:
@@ -39,7 +40,8 @@ def deserialized(data: bytes, message_type: type) -> Any:
 def _camera_info(data: bytes) -> CameraInfo:
     """Return a message that is read once for all that differ in their stamp only."""
     message = copy(_stampless_camera_info(data[:4] + bytes(8) + data[12:]))
-    message.header = make_header(cdr.read_stamp_ns(data), message.header.frame_id)
+    message.header = Header(stamp=Time(**cdr.read_stamp(data)._asdict()),
+                            frame_id=message.header.frame_id)
     return message
 
 

@@ -14,7 +14,8 @@ from startracker_ros.core.fusion.mounts import (
     load_mounts, Mount, MountError, MountOptions, save_mounts)
 from startracker_ros.core.fusion.options import FusionOptions, HeadsOptions, NO_ROTATION
 from startracker_ros.core.maths.rotation import rotate
-from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rate_from_imu
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.fusion_output import BodyFrameOptions, FusionOutput

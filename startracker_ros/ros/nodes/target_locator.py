@@ -14,8 +14,8 @@ from startracker_ros.core.locate.location import LocationOptions
 from startracker_ros.core.locate.locator import TargetLocator
 from startracker_ros.core.locate.observer import Observer, ObserverOptions
 from startracker_ros.core.options import option, Options
-from startracker_ros.io.bags.layouts import (
-    camera_from_message, MessageError, ns_from_stamp, state_from_odometry)
+from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.location_output import LocationOutput

@@ -22,8 +22,9 @@ from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
-    read_cloud, SENSOR_FRAME_ID, state_from_odometry, unit_quaternion)
+    read_cloud, SENSOR_FRAME_ID)
 from startracker_ros.io.bags.reader import BagMessage, read_messages
+from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
 from startracker_ros.io.recordings.recording import full_name
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, FrameFit, Stars
 from startracker_ros.tools.reprocess.leftovers import Leftovers

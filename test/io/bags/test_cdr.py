@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.layouts import (
-    CENTROID_DTYPE, MessageError, rate_from_imu, read_cloud, TRACK_DTYPE)
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, MessageError, read_cloud, TRACK_DTYPE
 from startracker_ros.io.bags.reader import decode
+from startracker_ros.io.bags.telemetry import rate_from_imu
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])

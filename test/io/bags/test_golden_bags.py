@@ -26,9 +26,9 @@ from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, image_from_message, ns_from_stamp, rate_from_imu, read_cloud, STAR_DTYPE,
-    state_from_odometry)
+    camera_from_message, image_from_message, ns_from_stamp, read_cloud, STAR_DTYPE)
 from startracker_ros.io.bags.reader import read_messages
+from startracker_ros.io.bags.telemetry import rate_from_imu, state_from_odometry
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import centroids_from_message
 from startracker_ros.ros.messages.message_types import message_class
