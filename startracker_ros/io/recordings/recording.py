@@ -197,10 +197,10 @@ class Recording:
         return status.message.partition('no attitude: ')[2] if status else ''
 
 
-def gaps_after(stamps: np.ndarray) -> np.ndarray:
-    """Return the indices of sorted stamps (N,), of any unit, that a gap of frames follows."""
+def gaps_after(stamps: np.ndarray, usual: float = GAP_INTERVALS) -> np.ndarray:
+    """Return the indices of sorted stamps (N,) that more than so many usual intervals follow."""
     intervals = np.diff(stamps)
-    return np.flatnonzero(intervals > GAP_INTERVALS * np.median(intervals)) if len(
+    return np.flatnonzero(intervals > usual * np.median(intervals)) if len(
         intervals) else np.empty(0, int)
 
 
@@ -214,7 +214,7 @@ def full_name(namespace: str, topic: str) -> str:
 # --- where the attitude must not be interpolated ---
 
 # Fewer frames than this may be missing, as a busy recorder loses them, within one lock.
-_GAP_INTERVALS = 3.0
+_UNLOCKED_INTERVALS = 3.0
 
 
 def lock_segments(recording: Recording) -> np.ndarray:
@@ -236,8 +236,6 @@ def lock_segments(recording: Recording) -> np.ndarray:
         lost = 1 + np.flatnonzero(tracking[:-1] & ~tracking[1:])
         received = np.maximum.accumulate(recording.attitude_received_ns)
         begins[np.searchsorted(received, recording.state_ns[lost])] = True
-    intervals = np.diff(stamps)
-    if len(intervals):
-        begins[1:-1] |= intervals > _GAP_INTERVALS * np.median(intervals)
+    begins[1 + gaps_after(stamps, _UNLOCKED_INTERVALS)] = True
     begins[0] = False
     return np.cumsum(begins[:-1])
