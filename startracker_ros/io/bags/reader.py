@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,6 @@ import numpy as np
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files
 from startracker_ros.io.bags.mcap_file import McapFile
-from startracker_ros.io.bags.patterns import matches
 from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile
 from startracker_ros.io.bags.remote import BagPath, RemotePath
 from startracker_ros.io.bags.schemas import message_schema, MessageSchema
@@ -340,3 +340,20 @@ def contents(topics: Mapping[str, BagTopic]) -> str:
     more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
     return (f'the bag holds {sum(topic.message_count for topic in topics.values())} messages of '
             f'{", ".join(names[:_LISTED])}{more}')
+
+
+# --- patterns of topic names ---
+
+def matches(topic: str, patterns: Sequence[str]) -> bool:
+    """
+    Return whether a full topic name fits one of the patterns, * for any characters.
+
+    The slash before a pattern may be left out.
+    """
+    return any(fnmatchcase(topic, pattern if pattern[:1] in '/*' else f'/{pattern}')
+               for pattern in patterns)
+
+
+def selected(topic: str, patterns: Sequence[str], exclude: Sequence[str]) -> bool:
+    """Return whether a topic matches one of the patterns and none of those to exclude."""
+    return matches(topic, patterns) and not matches(topic, exclude)
