@@ -139,8 +139,8 @@ class _Column:
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
-    return _Column(name, [cell_text(name, None if _is_unbounded(name, row) else row[name])
-                          for row in rows],
+    texts = [cell_text(name, None if _is_unbounded(name, row) else row[name]) for row in rows]
+    return _Column(name, [text.replace('\n', ' ') for text in texts],
                    any(isinstance(row[name], (int, float)) for row in rows))
 
 
@@ -169,7 +169,6 @@ def _print_rows(console: Console, columns: Sequence[_Column], width: int, drop: 
             optional := [column for column in shown[1:] if column.name not in _ALWAYS]):
         shown.remove(optional[-1])
         table = _table(shown, narrow=True)
-
     is_table = len(shown) * _LEAST_SHOWN >= len(columns) - len(below)
     if is_table:
         console.print(table, crop=False)
