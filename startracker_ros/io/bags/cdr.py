@@ -350,7 +350,7 @@ def read_image(cdr: bytes) -> Image:
         at = _aligned(end + 1, 4) + 8
         step, size = struct.unpack_from('<II', cdr, at - 8)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
-        raise MessageError(f'image message of {len(cdr)} bytes ends too early: {error}') from error
+        raise MessageError(f'image message of {len(cdr)} bytes is none: {error}') from error
     data = memoryview(cdr)[at:at + size]
     if len(data) != size:
         raise MessageError(f'image message of {len(cdr)} bytes is too short for {size} of data')
