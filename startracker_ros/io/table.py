@@ -161,11 +161,11 @@ def _print_rows(console: Console, columns: Sequence[_Column], width: int, drop: 
     if not columns:
         return ()
     table, shown, below = _table(columns), [*columns], list[_Column]()
-    if table.width > width:
+    if _width(table) > width:
         below = [column for column in columns[1:] if column.is_remark]
         shown = [column for column in columns if column not in below]
         table = _table(shown, narrow=True)
-    while drop and table.width > width and (
+    while drop and _width(table) > width and (
             optional := [column for column in shown[1:] if column.name not in _ALWAYS]):
         shown.remove(optional[-1])
         table = _table(shown, narrow=True)
@@ -200,9 +200,13 @@ def _table(columns: Sequence[_Column], narrow: bool = False) -> Table:
         table.add_column(header, justify='right' if column.numeric else 'left', width=width)
     for row in zip(*(column.texts for column in columns)):
         table.add_row(*row)
-    # With a space on either side of each, and the lines between them.
-    table.width = sum(3 + (column.width or 0) for column in table.columns) + 1
+    table.width = _width(table)
     return table
+
+
+def _width(table: Table) -> int:
+    """Return the width of a table: columns with a space on either side, lines between them."""
+    return sum(3 + (column.width or 0) for column in table.columns) + 1
 
 
 def _folded(text: str, width: int, indent: str = '') -> list[str]:
