@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from startracker_ros.io.bags.latched import held_messages, MAX_DEPTH
+from startracker_ros.io.bags.playback import held_messages, MAX_DEPTH
 from startracker_ros.io.bags.qos import INFINITE_NS, QosProfile
 
 # DDS does not announce history and depth.

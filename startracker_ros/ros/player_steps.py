@@ -14,11 +14,9 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.latched import held_before, held_messages
 from startracker_ros.io.bags.layouts import camera_from_message
-from startracker_ros.io.bags.patterns import selected
-from startracker_ros.io.bags.playback import Playback, PlayOptions
-from startracker_ros.io.bags.reader import BagMessage, BagTopic, TolerantBag
+from startracker_ros.io.bags.playback import held_before, held_messages, Playback, PlayOptions
+from startracker_ros.io.bags.reader import BagMessage, BagTopic, selected, TolerantBag
 from startracker_ros.io.bags.schemas import message_schema
 from startracker_ros.ros.camera_node import CAMERA, camera_text
 from startracker_ros.ros.executables import STAGES

@@ -22,13 +22,11 @@ from startracker_ros.ros.messages.odometry import motion_to_odometry, state_to_o
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.source import SourceOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
-from startracker_ros.sim.sky.from_options import SceneOptions, simulator_parts
-from startracker_ros.sim.sky.gyro import GyroOptions
+from startracker_ros.sim.sky.from_options import SceneOptions, simulator_parts, with_preset
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.mounted import HeadOptions, mounted, seed_in_namespace
-from startracker_ros.sim.sky.navigation import NavigationOptions
-from startracker_ros.sim.sky.presets import with_preset
+from startracker_ros.sim.sky.sensors import GyroOptions, NavigationOptions
 from startracker_ros.sim.sky.simulator import Frame, SkySimulator
 from std_msgs.msg import Header
 

@@ -18,8 +18,8 @@ from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTracker
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 from startracker_ros.io.bags import cdr
+from startracker_ros.io.bags.cloud_rows import STATE_NAME, tracker_state_values
 from startracker_ros.io.bags.layouts import ns_from_stamp
-from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -73,7 +73,7 @@ class TrackerStateOutput:
         level = OK if tracker.state is TrackerState.TRACKING else WARN
         self._has_tracked |= level == OK
         values = {**tracker_state_values(tracker), **self._blinding}
-        status = level[0], NAME, tracker.state.value, self._node.hardware_id, values
+        status = level[0], STATE_NAME, tracker.state.value, self._node.hardware_id, values
         self._state.publish(cdr.status(*status))
         self._status.publish(cdr.status_array(
             self._newest_ns, self._node.sensor_frame_id, *status))

@@ -11,8 +11,7 @@ from typing import BinaryIO
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, DataEnd, Footer, Schema
-from startracker_ros.io.bags.mcap_file import McapFile
-from startracker_ros.io.bags.mcap_index import FRAME, MAGIC, read_summary
+from startracker_ros.io.bags.mcap_file import FRAME, MAGIC, McapFile, read_summary
 
 _IMAGE = 60_000
 """Id of the channel and schema of the images, which a recording does not reach."""

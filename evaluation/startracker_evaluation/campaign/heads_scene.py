@@ -16,7 +16,7 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
     random_attitude)
-from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
+from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
 
 START_NS = stamp_from_epoch_year(2026.5)
 NAMES = ('head_1', 'head_2', 'head_3')

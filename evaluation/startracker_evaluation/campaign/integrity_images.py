@@ -7,7 +7,7 @@ from typing import Any
 
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
-from startracker_ros.sim.sky.presets import with_preset
+from startracker_ros.sim.sky.from_options import with_preset
 from startracker_ros.tools.datasheet.image_runs import image_run, ImageCondition
 from startracker_ros.tools.datasheet.tally import CAMERA, Tally
 

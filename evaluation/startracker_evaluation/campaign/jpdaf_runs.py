@@ -19,8 +19,8 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, quaternion_from_pointing, radec_from_unit, rotate)
-from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sim.sky.motion import RollJitter, SteadyMotion
+from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5

@@ -44,6 +44,18 @@ class PointCloud(NamedTuple):
     data: bytes
 
 
+class Image(NamedTuple):
+    """An Image; data shows the bytes that it was read from."""
+
+    header: 'Header'
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: memoryview
+
+
 class Stamp(NamedTuple):
     """A stamp with the names that messages have."""
 
@@ -328,6 +340,23 @@ def _layout(cdr: bytes, begin: int) -> _Layout:
     return layout
 
 
+def read_image(cdr: bytes) -> Image:
+    """Return an Image without a copy of its pixels; MessageError where the bytes are none."""
+    try:
+        header, at = _read_header(cdr)
+        at = _aligned(at, 4)
+        height, width = struct.unpack_from('<II', cdr, at)
+        encoding, end = _read_text(cdr, at + 8)
+        at = _aligned(end + 1, 4) + 8
+        step, size = struct.unpack_from('<II', cdr, at - 8)
+    except (struct.error, UnicodeDecodeError, IndexError) as error:
+        raise MessageError(f'image message of {len(cdr)} bytes is none: {error}') from error
+    data = memoryview(cdr)[at:at + size]
+    if len(data) != size:
+        raise MessageError(f'image message of {len(cdr)} bytes is too short for {size} of data')
+    return Image(header, height, width, encoding, cdr[end], step, data)
+
+
 def read_status(cdr: bytes) -> Status:
     """Return a DiagnosticStatus; MessageError where the bytes are none."""
     _check_encapsulation(cdr)
@@ -384,6 +413,13 @@ def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
     """Return header and quaternion of a QuaternionStamped; MessageError where it is none."""
     header, doubles = _header_and_doubles(cdr, 4, 'QuaternionStamped')
     return header, Quaternion(*doubles.tolist())
+
+
+def read_stamp(cdr: bytes) -> Stamp:
+    """Return the stamp of a message that begins with a header, in either order of its bytes."""
+    if len(cdr) < 12:
+        raise MessageError(f'{len(cdr)} bytes are no message with a header')
+    return Stamp(*struct.unpack_from('<iI' if cdr[1] & 1 else '>iI', cdr, 4))
 
 
 def _read_header(cdr: bytes) -> tuple[Header, int]:

@@ -1,9 +1,10 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Rows of the clouds `centroids`, `stars` and `tracks` out of results of the stages."""
+"""Clouds `centroids`, `stars`, `tracks` and `tracker_state` out of results of the stages."""
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -11,6 +12,9 @@ from startracker_ros.core.centroid.centroids import Centroids, ROUND, UNKNOWN_EX
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
+
+if TYPE_CHECKING:
+    from startracker_ros.core.track.track_filter import TrackFilter
 
 
 def centroid_rows(centroids: Centroids, camera: Camera, windowed: bool = False) -> np.ndarray:
@@ -111,3 +115,22 @@ def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.
     if centroids.exposure_s != UNKNOWN_EXPOSURE:
         rows['exposure_min'], rows['exposure_max'] = centroids.exposure_s
     return rows
+
+
+# --- the values of tracker_state, as the node publishes them and reprocessing writes them ---
+
+STATE_NAME = 'star_tracker: state'
+
+
+def tracker_state_values(tracker: 'TrackFilter') -> dict[str, object]:
+    """Return the values of a tracker after its newest frame."""
+    return {
+        'stars_matched': tracker.stars_matched,
+        'residual_px': f'{tracker.residual_px:.3f}',
+        'frames_since_fix': tracker.frames_since_fix,
+        'checks_passed': tracker.checks_passed,
+        'late_frames': tracker.late_frames,
+        'rejected_centroids': tracker.rejected_centroids,
+        'gyro': tracker.gyro_condition,
+        'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
+        'reason': tracker.contradiction or tracker.reason}

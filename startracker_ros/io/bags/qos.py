@@ -11,16 +11,9 @@ from startracker_ros.core.yaml_text import load_yaml
 
 INFINITE_NS = 2 ** 63 - 1
 
-# The names of rmw/qos_string_conversions; ros2 bag play rejects others.
+# The names of rmw/qos_string_conversions, at the numbers of rmw/types.h that stood for them before
+# version 9 of the metadata; ros2 bag play rejects others.
 _POLICIES = {
-    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
-    'reliability': ('system_default', 'reliable', 'best_effort', 'best_available', 'unknown'),
-    'durability': ('system_default', 'transient_local', 'volatile', 'best_available', 'unknown'),
-    'liveliness': ('system_default', 'automatic', 'manual_by_topic', 'best_available', 'unknown'),
-}
-
-# Before version 9 of the metadata they were the numbers of rmw/types.h.
-_NUMBERED = {
     'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
     'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
     'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
@@ -51,7 +44,7 @@ class QosProfile:
         for policy, names in _POLICIES.items():
             if getattr(self, policy) not in names:
                 raise ValueError(f'{policy} = {getattr(self, policy)!r} must be one of '
-                                 f'{", ".join(names)}')
+                                 f'{", ".join(dict.fromkeys(names))}')
 
     def as_dict(self) -> dict[str, Any]:
         """Return the mapping of a bag's metadata, version 9, in its order."""
@@ -71,8 +64,8 @@ class QosProfile:
                 continue
             if field.name.endswith('_ns'):
                 values[field.name] = _duration_ns(field.name, value)
-            elif field.name in _NUMBERED and type(value) is int:
-                names = _NUMBERED[field.name]
+            elif field.name in _POLICIES and type(value) is int:
+                names = _POLICIES[field.name]
                 values[field.name] = names[value] if 0 <= value < len(names) else 'unknown'
             elif type(value) is type(field.default):
                 values[field.name] = value

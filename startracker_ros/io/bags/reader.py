@@ -3,8 +3,9 @@
 
 """Reads bags, finished or not, and decodes messages, without rclpy."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,16 +13,15 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
-from startracker_ros.io.bags.compression import (
-    DECODING_ERRORS, first_unpacked_bytes, unpack, ZSTD_MAGIC)
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files
 from startracker_ros.io.bags.mcap_file import McapFile
 from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile
-from startracker_ros.io.bags.raw_message import RawMessage
 from startracker_ros.io.bags.remote import BagPath, RemotePath
 from startracker_ros.io.bags.schemas import message_schema, MessageSchema
 from startracker_ros.io.bags.sqlite_file import SQLITE_MAGIC, SqliteFile
+from startracker_ros.io.bags.storage import (
+    DECODING_ERRORS, first_unpacked_bytes, RawMessage, unpack, ZSTD_MAGIC)
 
 _HEAD_BYTES = 2 ** 18
 
@@ -298,3 +298,62 @@ class TolerantBag:
         if problem not in self._problems and len(self._problems) < _MAX_PROBLEMS:
             self._problems.add(problem)
             self._report(problem)
+
+
+# --- why a bag gives nothing: the one text of all commands that get no rows out of one ---
+
+_LISTED = 10
+
+
+def why_nothing(topics: Mapping[str, BagTopic], wanted: Mapping[str, str]) -> str:
+    """Return why a bag holds none of the wanted messages, as missing() does, and what it holds."""
+    return f'{missing(topics, wanted)}; {contents(topics)}'
+
+
+def missing(topics: Mapping[str, BagTopic], wanted: Mapping[str, str]) -> str:
+    """
+    Return which of the wanted topics a bag does not have, or without messages of their type.
+
+    wanted: types by full name or pattern of it, '' for any type.
+    """
+    reasons, absent = [], []
+    for pattern, type_name in wanted.items():
+        found = [topic for name, topic in sorted(topics.items()) if matches(name, (pattern,))]
+        if not found:
+            absent.append(pattern)
+        for topic in found[:_LISTED]:
+            if type_name not in ('', topic.type_name):
+                reasons.append(f'{topic.name} is {topic.type_name or topic.encoding}, '
+                               f'not {type_name}')
+            elif not topic.message_count:
+                reasons.append(f'{topic.name} has no messages')
+    if absent:
+        reasons.append(f'no {", ".join(absent)}')
+    return '; '.join(reasons)
+
+
+def contents(topics: Mapping[str, BagTopic]) -> str:
+    """Return the number of messages of a bag, and their topics."""
+    names = sorted(name for name, topic in topics.items() if topic.message_count)
+    if not names:
+        return 'the bag holds no messages'
+    more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
+    return (f'the bag holds {sum(topic.message_count for topic in topics.values())} messages of '
+            f'{", ".join(names[:_LISTED])}{more}')
+
+
+# --- patterns of topic names ---
+
+def matches(topic: str, patterns: Sequence[str]) -> bool:
+    """
+    Return whether a full topic name fits one of the patterns, * for any characters.
+
+    The slash before a pattern may be left out.
+    """
+    return any(fnmatchcase(topic, pattern if pattern[:1] in '/*' else f'/{pattern}')
+               for pattern in patterns)
+
+
+def selected(topic: str, patterns: Sequence[str], exclude: Sequence[str]) -> bool:
+    """Return whether a topic matches one of the patterns and none of those to exclude."""
+    return matches(topic, patterns) and not matches(topic, exclude)

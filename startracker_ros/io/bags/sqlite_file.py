@@ -12,9 +12,9 @@ from urllib.parse import quote
 
 from mcap.records import Channel, Schema
 import numpy as np
-from startracker_ros.io.bags.compression import MAX_RECORD_BYTES, unpack_file, ZSTD_MAGIC
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.raw_message import absolute, by_channel, RawMessage
+from startracker_ros.io.bags.storage import (
+    absolute, by_channel, MAX_RECORD_BYTES, RawMessage, unpack_file, ZSTD_MAGIC)
 import zstandard
 
 SQLITE_MAGIC = b'SQLite format 3\0'

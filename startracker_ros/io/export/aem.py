@@ -8,9 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.maths.rotation import sign_continuous
-from startracker_ros.io.bags.absence import contents
-from startracker_ros.io.export.segments import lock_segments
-from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, Recording
+from startracker_ros.io.bags.reader import contents
+from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, lock_segments, Recording
 
 _LONGEST_LINE = 254
 

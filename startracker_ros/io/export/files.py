@@ -9,11 +9,11 @@ import time
 
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.aem import aem_text, AemLabels
-from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.export.tables import (
     load_parquet_writer, TABLE_TOPICS, TABLES, write_csv, write_parquet)
 from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.recordings.loading import load_recording
+from startracker_ros.io.recordings.recording import lock_segments
 from startracker_ros.io.table import Result
 
 

@@ -13,9 +13,8 @@ import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import extra
 from startracker_ros.core.maths.rotation import pointing_from_quaternion
-from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.output import output_file
-from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, Recording
+from startracker_ros.io.recordings.recording import ATTITUDE_TOPICS, lock_segments, Recording
 
 Table = Mapping[str, np.ndarray]
 """Columns (N,) by name; the names carry the units."""

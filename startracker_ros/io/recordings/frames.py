@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from startracker_ros.core.stages.annotate import stretch
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.layouts import image_from_message, MessageError
+from startracker_ros.io.bags.layouts import image_from_message, MessageError, ns_from_stamp
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.io.recordings.recording import Recording
 
@@ -64,7 +64,7 @@ def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None
     for record in read_messages(bag, topics=(recording.full_name('image_raw'),),
                                 start_ns=received_ns, tolerant=not recording.complete):
         message = record.decoded()
-        if message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec == stamp_ns:
+        if ns_from_stamp(message.header.stamp) == stamp_ns:
             return image_from_message(message).in_full()
     return None
 

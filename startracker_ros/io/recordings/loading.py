@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
-from startracker_ros.io.bags.absence import why_nothing
+from startracker_ros.io.bags.cdr import read_stamp
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, CENTROID_DTYPE, MessageError, protection_from_message, read_cloud,
-    STAR_DTYPE, TRACK_DTYPE)
-from startracker_ros.io.bags.reader import BagMessage, BagTopic, read_messages, read_topics
+    camera_from_message, CENTROID_DTYPE, MessageError, ns_from_stamp, protection_from_message,
+    read_cloud, STAR_DTYPE, TRACK_DTYPE)
+from startracker_ros.io.bags.reader import (
+    BagMessage, BagTopic, read_messages, read_topics, why_nothing)
 from startracker_ros.io.recordings.recording import (
     ATTITUDE_TOPICS, Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
 
@@ -152,7 +153,7 @@ class _Reader:
             if message.type_name != type_name:
                 raise MessageError(f'type {message.type_name!r} is not {type_name}')
             if handler is None:
-                self._note_time(topic, _image_stamp_ns(message.data), message)
+                self._note_time(topic, ns_from_stamp(read_stamp(message.data)), message)
             else:
                 # What is no number shows in the checks of the handlers.
                 with np.errstate(all='ignore'):
@@ -162,8 +163,7 @@ class _Reader:
             self._problems[message.topic] = count + 1, first
 
     def _stamp_ns(self, decoded: Any, message: BagMessage) -> int:
-        stamp = decoded.header.stamp
-        stamp_ns = stamp.sec * 10 ** 9 + stamp.nanosec
+        stamp_ns = ns_from_stamp(decoded.header.stamp)
         self._note_time(self.handlers[message.topic][0], stamp_ns, message)
         return stamp_ns
 
@@ -226,9 +226,8 @@ class _Reader:
         self._state.append((received_ns, sent_ns, decoded.message))
 
     def _on_diagnostics(self, decoded: Any, message: BagMessage) -> None:
-        stamp = decoded.header.stamp
         self._diagnostics.extend(DiagnosticRecord(
-            stamp.sec * 10 ** 9 + stamp.nanosec, min(message.log_time_ns, _NEWEST_NS),
+            ns_from_stamp(decoded.header.stamp), min(message.log_time_ns, _NEWEST_NS),
             status.name, status.hardware_id, _level(status.level), status.message,
             tuple((value.key, value.value) for value in status.values))
             for status in decoded.status)
@@ -312,12 +311,3 @@ def _about_sensor_axes(covariance_icrf: np.ndarray, quaternion: np.ndarray) -> n
 def _level(level: bytes | int) -> int:
     """Return the number of a DiagnosticStatus level, which decoders give as byte or number."""
     return level[0] if isinstance(level, bytes) else int(level)
-
-
-def _image_stamp_ns(cdr: bytes) -> int:
-    """Return the stamp of a serialized Image: the first two words after the CDR header."""
-    if len(cdr) < 12:
-        raise MessageError(f'{len(cdr)} bytes are no image')
-    order = '<' if cdr[1] & 1 else '>'
-    seconds = int(np.frombuffer(cdr, f'{order}i4', 1, offset=4)[0])
-    return seconds * 10 ** 9 + int(np.frombuffer(cdr, f'{order}u4', 1, offset=8)[0])

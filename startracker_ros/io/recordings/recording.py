@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
-from startracker_ros.io.bags.absence import missing
-from startracker_ros.io.bags.reader import BagTopic
+from startracker_ros.io.bags.reader import BagTopic, missing
 
 ATTITUDE_TOPICS = ('attitude', 'attitude_cov', 'attitude_imu')
 GAP_INTERVALS = 2.5
@@ -198,10 +197,10 @@ class Recording:
         return status.message.partition('no attitude: ')[2] if status else ''
 
 
-def gaps_after(stamps: np.ndarray) -> np.ndarray:
-    """Return the indices of sorted stamps (N,), of any unit, that a gap of frames follows."""
+def gaps_after(stamps: np.ndarray, usual: float = GAP_INTERVALS) -> np.ndarray:
+    """Return the indices of sorted stamps (N,) that more than so many usual intervals follow."""
     intervals = np.diff(stamps)
-    return np.flatnonzero(intervals > GAP_INTERVALS * np.median(intervals)) if len(
+    return np.flatnonzero(intervals > usual * np.median(intervals)) if len(
         intervals) else np.empty(0, int)
 
 
@@ -210,3 +209,33 @@ def full_name(namespace: str, topic: str) -> str:
     if topic.startswith('/'):
         return topic
     return f'/{namespace}/{topic}' if namespace else f'/{topic}'
+
+
+# --- where the attitude must not be interpolated ---
+
+# Fewer frames than this may be missing, as a busy recorder loses them, within one lock.
+_UNLOCKED_INTERVALS = 3.0
+
+
+def lock_segments(recording: Recording) -> np.ndarray:
+    """
+    Return the number (N,) of the segment of each attitude, from 0; a new one at loss of lock.
+
+    The lock is lost where the estimator says of a frame that it has no attitude
+    (attitude_imu); in a bag without that, where the tracker stops TRACKING; and always where
+    more than three usual intervals lie between two attitudes, of which nothing is known.
+    """
+    stamps = recording.attitude_ns
+    if not len(stamps):
+        return np.zeros(0, int)
+    begins = np.zeros(len(stamps) + 1, bool)
+    if len(recording.times['attitude_imu']):
+        begins[np.searchsorted(stamps, recording.without_attitude_ns)] = True
+    else:
+        tracking = np.array([state == 'TRACKING' for state in recording.state], bool)
+        lost = 1 + np.flatnonzero(tracking[:-1] & ~tracking[1:])
+        received = np.maximum.accumulate(recording.attitude_received_ns)
+        begins[np.searchsorted(received, recording.state_ns[lost])] = True
+    begins[1 + gaps_after(stamps, _UNLOCKED_INTERVALS)] = True
+    begins[0] = False
+    return np.cumsum(begins[:-1])

@@ -1,14 +1,19 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where packets are sent: UDP, a serial device, or a file."""
+"""Reports as packets, and where they are sent: UDP, a serial device, or a file."""
 
+from dataclasses import dataclass
 import os
 from pathlib import Path
 import socket
 import stat
 import tty
 from urllib.parse import urlsplit
+
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.telemetry import nos3, space_packet
+from startracker_ros.io.telemetry.report import FrameReport
 
 
 class LinkError(ValueError):
@@ -74,3 +79,37 @@ def _udp_address(destination: str) -> tuple[str, int]:
         return str(socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][4][0]), port
     except OSError as error:
         raise LinkError(f'destination {destination!r}: {error.strerror}') from error
+
+
+# --- reports as packets ---
+
+@dataclass(frozen=True)
+class TelemetryOptions(Options):
+    """Where telemetry goes, and as which packets."""
+
+    destination: str = option(
+        'udp://127.0.0.1:10035', 'where packets go: udp://HOST:PORT, or the path, with a slash, '
+        'of a serial device, whose speed stty sets, or of a file to append to')
+    packet_format: str = option(
+        'ccsds', 'ccsds: space packets; nos3: replies of the generic star tracker of NOS3',
+        choices=('ccsds', 'nos3'))
+    apid: int = option(100, 'application process identifier of the space packets', low=0,
+                       high=2046)
+
+
+class Encoder:
+    """Encodes reports and numbers the packets; MissingLibraryError without spacepackets."""
+
+    def __init__(self, options: TelemetryOptions) -> None:
+        self._options = options
+        self._sequence = 0
+        if options.packet_format == 'ccsds':
+            space_packet.sync(options.apid)
+
+    def encode(self, report: FrameReport) -> bytes:
+        """Return the packet of a report; TelemetryError where it does not fit."""
+        if self._options.packet_format == 'nos3':
+            return nos3.encode(report)
+        packet = space_packet.encode(report, self._options.apid, self._sequence)
+        self._sequence += 1
+        return packet

@@ -5,8 +5,8 @@
 
 from xml.etree import ElementTree as XML
 
-from startracker_ros.io.telemetry.packet_fields import Field, FIELDS, PRIMARY_HEADER
 from startracker_ros.io.telemetry.report import TrackerCode
+from startracker_ros.io.telemetry.space_packet import Field, FIELDS, PRIMARY_HEADER
 
 NAMESPACE = 'http://www.omg.org/spec/XTCE/20180204'
 

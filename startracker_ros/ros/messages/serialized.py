@@ -10,7 +10,6 @@ rclpy makes an object of each field of a cloud and of each value of a status.
 from collections.abc import Callable
 from copy import copy
 from functools import lru_cache
-import struct
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -41,8 +40,7 @@ def deserialized(data: bytes, message_type: type) -> Any:
 def _camera_info(data: bytes) -> CameraInfo:
     """Return a message that is read once for all that differ in their stamp only."""
     message = copy(_stampless_camera_info(data[:4] + bytes(8) + data[12:]))
-    sec, nanosec = struct.unpack_from('<iI', data, 4)
-    message.header = Header(stamp=Time(sec=sec, nanosec=nanosec),
+    message.header = Header(stamp=Time(**cdr.read_stamp(data)._asdict()),
                             frame_id=message.header.frame_id)
     return message
 

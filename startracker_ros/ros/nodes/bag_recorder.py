@@ -10,7 +10,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import Imu
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.patterns import selected
+from startracker_ros.io.bags.reader import selected
 from startracker_ros.io.bags.recording import Recording, RecordOptions
 from startracker_ros.io.bags.writer import BagOptions
 from startracker_ros.ros import qos

@@ -6,9 +6,8 @@
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.exposure.control import ExposureMode, ExposureOptions
 from startracker_ros.io.images.auto_exposure import AutoExposure
-from startracker_ros.io.images.capture import Captured, CaptureOptions
-from startracker_ros.io.images.capture_thread import (
-    CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
+from startracker_ros.io.images.capture import (
+    Captured, CaptureOptions, CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions

@@ -17,11 +17,10 @@ from startracker_ros.ros.simulator_output import (
     detector_options, GyroOutput, make_simulator, NavigationOutput, TemperatureOutput, TruthOutput)
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sim.sky.from_options import SceneOptions, SKY_OPTIONS
-from startracker_ros.sim.sky.gyro import GyroOptions
 from startracker_ros.sim.sky.motion import MotionOptions
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.mounted import HeadOptions
-from startracker_ros.sim.sky.navigation import NavigationOptions
+from startracker_ros.sim.sky.sensors import GyroOptions, NavigationOptions
 from startracker_ros.sim.sky.sources import SkyOptions
 
 # No star of the catalogue moves by more than 0.2 arcsec in this time.

@@ -14,8 +14,7 @@ from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.extras import MissingLibraryError
 from startracker_ros.io.bags.layouts import ns_from_stamp, protection_from_message
-from startracker_ros.io.telemetry.encoder import Encoder, TelemetryOptions
-from startracker_ros.io.telemetry.link import Link, LinkError
+from startracker_ros.io.telemetry.link import Encoder, Link, LinkError, TelemetryOptions
 from startracker_ros.io.telemetry.report import FrameReport, TelemetryError
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN

@@ -10,8 +10,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.options import option, Options
 from startracker_ros.sim.sky.fixed_pattern import Defects, NO_DEFECTS
-from startracker_ros.sim.sky.scene import false_stars, SceneStars
 from startracker_ros.sim.sky.shake import Shaking, STILL
+from startracker_ros.sim.sky.sources import false_stars, SceneStars
 
 NO_TRAILS = np.zeros((0, 4))
 

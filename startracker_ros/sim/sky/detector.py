@@ -10,15 +10,12 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.options import option, Options
 from startracker_ros.sim.sky import psf
 from startracker_ros.sim.sky.artefacts import ArtefactOptions, NO_TRAILS
-from startracker_ros.sim.sky.blooming import bloom
-from startracker_ros.sim.sky.bright_bodies import BodyLight
-from startracker_ros.sim.sky.cosmic_rays import add_cosmic_rays
+from startracker_ros.sim.sky.bright_bodies import (
+    BodyLight, disc_coverage, discs, pixel_directions, stray_light)
+from startracker_ros.sim.sky.charge import add_cosmic_rays, add_trails, bloom
 from startracker_ros.sim.sky.fixed_pattern import draw_defects, fixed_pattern, saturated_charge
-from startracker_ros.sim.sky.limbs import disc_coverage, discs, pixel_directions
 from startracker_ros.sim.sky.noise import digitise, noise_tables, read_out, Readout
 from startracker_ros.sim.sky.psf import add_starlight, reach_px
-from startracker_ros.sim.sky.stray_light import stray_light
-from startracker_ros.sim.sky.trails import add_trails
 
 # Fainter ghosts are lost in the noise and would take half of the time.
 _FAINTEST_GHOST_E = 1.0

@@ -3,7 +3,7 @@
 
 """True attitude, rate, position and velocity of a simulated sensor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M
@@ -56,11 +56,8 @@ class RollJitter:
             -self.peak_rad_s, self.peak_rad_s, int(block) + 1)
         angle = self.block_s * (rate_rad_s[:-1].sum() + within * rate_rad_s[-1])
         roll = quaternion_from_rotation_vector([0.0, 0.0, angle])
-        state = self.steady.at(time_s)
-        return replace(
-            state, q_icrf_from_sensor=multiply(state.q_icrf_from_sensor, roll),
-            rate_rad_s=rotate(conjugate(roll), state.rate_rad_s)
-            + [0.0, 0.0, rate_rad_s[-1] if time_s >= 0 else 0.0])
+        return self.steady.at(time_s).turned(
+            roll, [0.0, 0.0, rate_rad_s[-1] if time_s >= 0 else 0.0])
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,12 @@
 
 """The true state of a simulated sensor at an instant, and what gives it at any time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from startracker_ros.core.astro.state import State
+from startracker_ros.core.maths.rotation import conjugate, multiply, rotate
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,11 @@ class MotionState:
     def geocentric(self) -> State:
         """Return position and velocity as a navigation without errors reports them."""
         return State(self.position_m, self.velocity_m_s, np.zeros((3, 3)))
+
+    def turned(self, turn: np.ndarray, rate_rad_s: np.ndarray | list[float]) -> 'MotionState':
+        """Return the state after a turn (4,) that goes on at a rate (3,) on the new axes."""
+        return replace(self, q_icrf_from_sensor=multiply(self.q_icrf_from_sensor, turn),
+                       rate_rad_s=rotate(conjugate(turn), self.rate_rad_s) + rate_rad_s)
 
 
 class Motion(Protocol):

@@ -3,11 +3,10 @@
 
 """Motion that is not uniform within an exposure, vibration and sudden kicks, and a smooth sway."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.maths.rotation import (
-    conjugate, multiply, quaternion_from_rotation_vector, rotate)
+from startracker_ros.core.maths.rotation import quaternion_from_rotation_vector
 from startracker_ros.sim.sky.motion_state import Motion, MotionState
 
 _INSTANTS = 65  # odd, so that one is the middle of the exposure
@@ -48,13 +47,10 @@ class ShakenMotion:
 
     def at(self, time_s: float) -> MotionState:
         """Return the state; draws all kicks up to time_s, 1 us for a hundred of them."""
-        state = self.steady.at(time_s)
         turn = quaternion_from_rotation_vector([*self._turn(np.array([time_s]))[0], 0.0])
         vibration, phase = self._vibration(np.array([time_s]))
         rate = vibration * 2 * np.pi * self.vibration_hz * np.cos(phase)[0]
-        return replace(
-            state, q_icrf_from_sensor=multiply(state.q_icrf_from_sensor, turn),
-            rate_rad_s=rotate(conjugate(turn), state.rate_rad_s) + [*rate, 0.0])
+        return self.steady.at(time_s).turned(turn, [*rate, 0.0])
 
     @property
     def reach_rad(self) -> float:
@@ -114,10 +110,8 @@ class SwayingMotion:
 
     def at(self, time_s: float) -> MotionState:
         """Return the state."""
-        state, w = self.steady.at(time_s), 2 * np.pi / self.period_s
+        w = 2 * np.pi / self.period_s
         phase = w * time_s + self.phase_rad
         turn = quaternion_from_rotation_vector(self.axis * self.amplitude_rad * np.sin(phase))
-        return replace(
-            state, q_icrf_from_sensor=multiply(state.q_icrf_from_sensor, turn),
-            rate_rad_s=rotate(conjugate(turn), state.rate_rad_s)
-            + self.axis * self.amplitude_rad * w * np.cos(phase))
+        return self.steady.at(time_s).turned(
+            turn, self.axis * self.amplitude_rad * w * np.cos(phase))

@@ -15,12 +15,10 @@ from startracker_ros.sim.sky.artefacts import (
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 from startracker_ros.sim.sky.exposure import image_paths
-from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sim.sky.motion_state import Motion, MotionState
-from startracker_ros.sim.sky.navigation import NavigationOptions
-from startracker_ros.sim.sky.scene import SceneStars
+from startracker_ros.sim.sky.sensors import Gyro, GyroOptions, NavigationOptions
 from startracker_ros.sim.sky.shake import ShakenMotion, STILL
-from startracker_ros.sim.sky.sources import Sky, SkyOptions
+from startracker_ros.sim.sky.sources import SceneStars, Sky, SkyOptions
 from startracker_ros.sim.sky.target import Target, TargetOptions
 
 # Streams of random numbers.

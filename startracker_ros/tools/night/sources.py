@@ -10,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import is_bag
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)
-from startracker_ros.io.bags.patterns import matches
-from startracker_ros.io.bags.reader import read_messages, read_topics
+from startracker_ros.io.bags.reader import matches, read_messages, read_topics, why_nothing
 from startracker_ros.io.images.exif import Taken
 from startracker_ros.io.images.images import image_paths, ImageError, read_photograph
 from startracker_ros.io.images.video import frames, is_video

@@ -15,9 +15,9 @@ from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.cloud_rows import centroid_rows, star_rows, track_rows
+from startracker_ros.io.bags.cloud_rows import (
+    centroid_rows, star_rows, STATE_NAME, track_rows, tracker_state_values)
 from startracker_ros.io.bags.qos import QosProfile
-from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.io.recordings.recording import full_name
 
@@ -104,7 +104,7 @@ class SegmentBag:
     def _state(self, frame: FrameResult, pipeline: StarTracker) -> bytes:
         """Return `tracker_state`."""
         level = _OK if frame.state is TrackerState.TRACKING else _WARN
-        return cdr.status(level, NAME, frame.state.value, self._hardware_id,
+        return cdr.status(level, STATE_NAME, frame.state.value, self._hardware_id,
                           tracker_state_values(pipeline.tracker))
 
 

@@ -13,11 +13,11 @@ from typing import Any
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.absence import why_nothing
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files, is_bag_folder
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
-from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messages, read_topics
+from startracker_ros.io.bags.reader import (
+    BagTopic, read_blocks_ns, read_messages, read_topics, why_nothing)
 from startracker_ros.io.bags.remote import (
     BagPath, counted, is_url, remote_bags, Traffic, version)
 from startracker_ros.io.recordings.recording import full_name

@@ -15,9 +15,9 @@ from rich.progress import (
     BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.mcap_file import McapFile
-from startracker_ros.io.bags.metadata import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.io.bags.qos import qos_from_yaml
 from startracker_ros.io.bags.remote import BagPath, Traffic
+from startracker_ros.io.bags.writer import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.io.output import check_output, output_folder, write_output
 from startracker_ros.io.table import Result

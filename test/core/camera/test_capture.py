@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from startracker_ros.core.exposure.control import Setting
 from startracker_ros.io.images.capture import (
-    Captured, CaptureError, CaptureOptions, open_device, V4l2Camera)
-from startracker_ros.io.images.capture_thread import CaptureThread, CAPTURING, ENDED, FAILED, LOST
+    Captured, CaptureError, CaptureOptions, CaptureThread, CAPTURING, ENDED, FAILED, LOST,
+    open_device, V4l2Camera)
 
 P = cv2
 
@@ -216,7 +216,7 @@ def wait_for(condition):
 
 
 def test_a_lost_device_is_opened_again(monkeypatch):
-    monkeypatch.setattr('startracker_ros.io.images.capture_thread._FIRST_WAIT_S', 0.01)
+    monkeypatch.setattr('startracker_ros.io.images.capture._FIRST_WAIT_S', 0.01)
     script = Script(CaptureError('device it: not there'), 3, 0, 2, 10 ** 9)
     images = []
     thread = CaptureThread(CaptureOptions(), lambda: images.append(thread.newest()), script)
@@ -231,7 +231,7 @@ def test_a_lost_device_is_opened_again(monkeypatch):
 def test_a_loss_is_reported_until_it_is_mended(monkeypatch):
     script = Script(1, CaptureError('device it: not there'))
     thread = CaptureThread(CaptureOptions(), lambda: None, script)
-    monkeypatch.setattr('startracker_ros.io.images.capture_thread._FIRST_WAIT_S', 30.0)
+    monkeypatch.setattr('startracker_ros.io.images.capture._FIRST_WAIT_S', 30.0)
     thread.start()
     wait_for(lambda: thread.state.name == LOST)
     assert thread.state.text == 'device it gives no more images: it is opened again'
@@ -246,8 +246,8 @@ def test_a_driver_that_sends_nothing_is_a_loss(monkeypatch):
     wait_for(lambda: thread.state.name == CAPTURING)
     thread.stop()
     assert thread.state.name == CAPTURING
-    monkeypatch.setattr('startracker_ros.io.images.capture_thread._SILENT_S', -1.0)
-    monkeypatch.setattr('startracker_ros.io.images.capture_thread._SILENT_PERIODS', -1.0)
+    monkeypatch.setattr('startracker_ros.io.images.capture._SILENT_S', -1.0)
+    monkeypatch.setattr('startracker_ros.io.images.capture._SILENT_PERIODS', -1.0)
     assert thread.state.name == LOST and 'no image for' in thread.state.text
 
 

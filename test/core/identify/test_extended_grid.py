@@ -20,7 +20,7 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.prior_verification import PriorVerifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
-from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
+from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
 
 EPOCH_YEAR = 2026.5
 OPTIONS = IdentificationOptions(method='extended_grid', magnitude_limit=8.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from startracker_ros.io.bags import compression
+from startracker_ros.io.bags import storage
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.info import describe
 from startracker_ros.io.bags.reader import read_messages, read_span_ns, read_topics
@@ -87,7 +87,7 @@ def test_bytes_that_are_no_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: 
 
 def test_a_file_that_would_fill_the_disk_is_rejected(
         packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compression.shutil, 'disk_usage',
+    monkeypatch.setattr(storage.shutil, 'disk_usage',
                         lambda folder: SimpleNamespace(free=20_000))
     with pytest.raises(BagError, match='cannot unpack .*half of the free space'):
         numbers(packed)

@@ -3,7 +3,7 @@
 
 """What late subscribers of a recorded time would have received."""
 
-from startracker_ros.io.bags.latched import DISORDER_NS, held_before, held_messages
+from startracker_ros.io.bags.playback import DISORDER_NS, held_before, held_messages
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.reader import BagMessage
 from startracker_ros.ros.bag_qos import playback_qos

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.sim.sky.artefacts import ArtefactOptions, draw_debris, draw_spots, draw_trails
-from startracker_ros.sim.sky.blooming import bloom
-from startracker_ros.sim.sky.cosmic_rays import add_cosmic_rays
+from startracker_ros.sim.sky.charge import add_cosmic_rays, bloom
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 
 CAMERA = Camera.from_fov(256, 192, 4.0)

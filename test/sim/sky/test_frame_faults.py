@@ -12,8 +12,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.from_options import PRESETS, with_preset
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sim.sky.presets import PRESETS, with_preset
 from startracker_ros.sim.sky.simulator import SkySimulator
 
 CAMERA = Camera.from_fov(128, 128, 8.0)

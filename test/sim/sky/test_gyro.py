@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
+from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
 
 DEG_H = np.radians(1 / 3600)
 RATE = np.array([0.01, -0.02, 0.03])

@@ -14,7 +14,7 @@ from startracker_ros.core.catalog.stars import load_catalog, RADIAL_VELOCITY_KM_
 from startracker_ros.core.maths.rotation import (
     conjugate, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.sim.sky.exposure import project_visible
-from startracker_ros.sim.sky.scene import SceneStars
+from startracker_ros.sim.sky.sources import SceneStars
 
 EPOCH_YEAR = 2026.0
 BETELGEUSE, RIGEL, ALNILAM, BELLATRIX = 27989, 24436, 26311, 25336

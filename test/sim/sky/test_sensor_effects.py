@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import kstest, poisson
 from skies import CAMERA as FULL_CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.sim.sky.cosmic_rays import add_cosmic_rays, DEPTH_UM
+from startracker_ros.sim.sky.charge import add_cosmic_rays, DEPTH_UM
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 
 CAMERA = Camera.from_fov(256, 192, 4.0)

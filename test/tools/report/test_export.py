@@ -27,8 +27,8 @@ from run_bag import (
 from sensor_msgs.msg import Imu
 from startracker_ros.io.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.io.export.files import export_bag
-from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.recordings.loading import load_recording
+from startracker_ros.io.recordings.recording import lock_segments
 from startracker_ros.ros.messages.attitude import attitude_to_imu, quaternion_to_message
 from startracker_ros.ros.messages.header import make_header
 

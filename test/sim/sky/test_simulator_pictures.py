@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.sim.sky.gallery import draw, PICTURES, TITLE_PX
+from simulator_pictures import draw, PICTURES, TITLE_PX
 
 DOCS = Path(__file__).parents[3] / 'docs'
 

@@ -1,17 +1,48 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Unpacks what bags hold compressed, in bounded memory."""
+"""What files of bags share: messages before their topic is looked at, and unpacking."""
 
+from array import array
+from collections.abc import Iterable
 import os
 import shutil
 import struct
 import tempfile
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 from mcap.exceptions import McapError
+from mcap.records import Channel, Schema
+import numpy as np
+from numpy.typing import ArrayLike
 import zstandard
+
+
+class RawMessage(NamedTuple):
+    """A message as it stands in the file."""
+
+    channel: Channel
+    schema: Schema | None
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+def absolute(topic: str) -> str:
+    """Return the full name of a topic; some recorders leave out the slash before it."""
+    return topic if topic.startswith('/') else f'/{topic}'
+
+
+def by_channel(times: Iterable[tuple[int, ArrayLike]]) -> dict[int, np.ndarray]:
+    """Return log times (N,) by channel of pieces of them."""
+    found: dict[int, array] = {}
+    for number, piece in times:
+        found.setdefault(number, array('Q')).frombytes(np.asarray(piece, np.uint64).tobytes())
+    return {number: np.asarray(column) for number, column in found.items()}
+
+
+# --- unpacking in bounded memory ---
 
 MAX_RECORD_BYTES = 2 ** 28
 """Larger records, and chunks that unpack to more, are treated as damage, to bound the memory."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Pictures of every effect of the simulator: python -m startracker_ros.sim.sky.gallery [FOLDER].
+Pictures of every effect of the simulator: python test/simulator_pictures.py [FOLDER].
 
 Each picture shows the same part of the sky without and with the effect: side by side, or
 overlaid with red for without and cyan for with. FOLDER is docs/pictures by default.
@@ -21,8 +21,8 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import radec_from_unit
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.from_options import PRESETS
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sim.sky.presets import PRESETS
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
