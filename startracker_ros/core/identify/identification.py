@@ -7,11 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 import time
+from typing import Protocol
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.lens import Lens, ray, shows, undistort
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -20,9 +23,7 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.cache import cached_onboard
 from startracker_ros.core.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.core.options import option, Options
-
-METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
-"""The published methods; each is a module of this name."""
+from startracker_ros.core.registry import METHODS
 
 # Two centroids closer than this are one star that was found twice.
 _DUPLICATE_PX = 1.5
@@ -34,7 +35,7 @@ _LEAST_LIMIT = 3.0
 class IdentificationOptions(Options):
     """How stars are identified, and when a result is accepted."""
 
-    method: str = option('pyramid', 'how candidates are found', choices=METHODS)
+    method: str = option('pyramid', 'how candidates are found', choices=tuple(METHODS))
     magnitude_limit: float = option(
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average; beyond 9 only fields below 4 deg have stars', unit='mag', low=0.0,
@@ -123,6 +124,26 @@ class Candidates:
                                  f'{np.max(rows)}, there are {count}{how}')
 
 
+class FrameIdentifier(Protocol):
+    """
+    Identifies frame after frame, the attitude predicted by the rates of a gyro in between.
+
+    condition states in words how the last frame was identified.
+    """
+
+    condition: str
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether rates were received."""
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Process a rate (3,) about sensor axes, measured up to a time; False if unusable."""
+
+    def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
+        """Return which stars the centroids of a frame are, later than the frame before."""
+
+
 class Identifier(ABC):
     """
     Identifies frames of one camera at one epoch.
@@ -135,12 +156,14 @@ class Identifier(ABC):
     min_stars = 4
     bases_by_brightness = False
     lens_known = True
+    uses_rates = False
+    own_options: type[Options] | None = None
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         """Build the pattern database, or load it from the cache."""
-        catalog = camera_catalog(camera) if catalog is None else catalog
+        catalog = self.catalog_for(camera) if catalog is None else catalog
         self.until_s = np.full(1, np.inf)
         self.camera = camera
         self.options = options
@@ -159,6 +182,15 @@ class Identifier(ABC):
     @abstractmethod
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; no content of an image raises an error."""
+
+    @staticmethod
+    def catalog_for(camera: Camera, band: BandOptions = BandOptions()) -> StarCatalog:
+        """Return the catalogue of the package that the method uses, magnitudes in a band."""
+        return camera_catalog(camera, band=band)
+
+    def from_frame_to_frame(self, gyro: GyroErrorOptions) -> FrameIdentifier | None:
+        """Return an identifier with predicted attitudes, of a method that uses_rates."""
+        return None
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs, by identifying a synthetic field."""
