@@ -34,8 +34,8 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, multiply, quaternion_from_rotation_vector, rotate)
+from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
-from startracker_ros.core.papers.propagate import AttitudePrediction
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
 from startracker_ros.core.track.motion_models import constant_velocity, coordinated_turn

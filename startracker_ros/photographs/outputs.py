@@ -10,15 +10,16 @@ import textwrap
 
 import cv2
 import numpy as np
-from startracker_ros.core.stages.annotate import annotate, FOUND, IDENTIFIED, Labels
+from startracker_ros.core.stages.annotate import (
+    annotate, BODY, FOUND, IDENTIFIED, Labels, mark_bodies)
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.core.stages.sky_marks import (
-    BODY, mark_bodies, mark_figures, mark_named_stars, mark_scale, NAMED)
 from startracker_ros.io.images.images import Photograph
 from startracker_ros.io.images.wcs_file import header_directions
 from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.photographs.sip import fit_sip, wcs_header
+from startracker_ros.photographs.sky_marks import (
+    mark_figures, mark_named_stars, mark_scale, NAMED)
 from startracker_ros.photographs.solution import Solution
 
 

@@ -24,8 +24,8 @@ from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.maths.rotation import (
     angle_between, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.core.papers.extended_grid import (
-    ExtendedGridIdentifier, ExtendedGridOptions, PredictedField)
-from startracker_ros.core.papers.propagate import AttitudePrediction, AttitudePropagator
+    AttitudePrediction, AttitudePropagator, ExtendedGridIdentifier, ExtendedGridOptions,
+    PredictedField)
 from startracker_ros.tools.figures.correctness import right_and_wrong
 from startracker_ros.tools.figures.timing import cpu_timed
 

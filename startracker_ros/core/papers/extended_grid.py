@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from threading import Lock
 
 import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
@@ -29,10 +30,9 @@ from startracker_ros.core.identify.identification import (
     FieldStars, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.verification import Match
-from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.papers.prior_verification import partial_derivatives, PriorVerifier
-from startracker_ros.core.papers.propagate import AttitudePrediction, AttitudePropagator
 
 _MIN_STARS = 2
 # Share of its cells that a pattern must have in common. At 0.35 px and 0.2 mag 99 % of the right
@@ -59,6 +59,73 @@ class ExtendedGridOptions(Options):
     grid_buffer_deg: float = option(
         0.3, 'nearer neighbours than this do not define the direction of the grid', unit='deg',
         low=0.0, high=10.0)
+
+
+# --- the attitude between two frames, propagated by gyro rates ---
+
+
+@dataclass(frozen=True)
+class AttitudePrediction:
+    """
+    A propagated attitude.
+
+    quaternion (4,) is q_icrf_from_sensor; covariance_sensor (3, 3) rad^2 that of
+    rotation.attitude_error, a rotation vector about sensor axes.
+    """
+
+    quaternion: np.ndarray
+    covariance_sensor: np.ndarray
+
+
+class AttitudePropagator:
+    """
+    Attitude and gyro drift, propagated by gyro rates and updated by attitudes of frames.
+
+    A prediction beyond the newest rate does not harm the next one: rates that come late, as
+    those of a stopped process do, are used then.
+    """
+
+    def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
+        self._gyro = Gyro(options)
+        # That of the newest rate, and that of the last prediction.
+        self._state: AttitudeState | None = None
+        self._predicted: AttitudeState | None = None
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether any rate was measured so far."""
+        return len(self._gyro) > 0
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Add a rate as Gyro.add does."""
+        return self._gyro.add(stamp_ns, rate_rad_s)
+
+    def start(self, stamp_ns: int, quaternion: np.ndarray,
+              covariance_sensor: np.ndarray) -> None:
+        """Begin with an attitude and an unknown drift."""
+        covariance = np.zeros((9, 9))
+        covariance[:3, :3] = covariance_sensor
+        self._state = AttitudeState(
+            stamp_ns, quaternion, np.zeros(3), np.zeros(3), covariance).with_new_drift(
+            self._gyro.drift_sigma_rad_s)
+
+    def predict(self, stamp_ns: int) -> AttitudePrediction | None:
+        """Return the attitude at a time, None before the first one or without any rate."""
+        if self._state is None or stamp_ns < self._state.stamp_ns or not self.has_rates:
+            return None
+        self._state, self._predicted = self._gyro.predict(self._state, stamp_ns)
+        return AttitudePrediction(self._predicted.quaternion, self._predicted.covariance[:3, :3])
+
+    def correct(self, quaternion: np.ndarray, covariance_sensor: np.ndarray) -> None:
+        """Update by the attitude of a frame at the time of the last prediction, if any."""
+        if self._predicted is None:
+            return
+        information = np.linalg.inv(covariance_sensor)
+        innovation = attitude_error(quaternion, self._predicted.quaternion)
+        self._state = self._predicted.with_attitude(information, information @ innovation)
+
+
+# --- grids over a predicted field ---
 
 
 @dataclass(frozen=True)
@@ -274,6 +341,9 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         residual_px[known] = attitude.residual_rad / self.camera.pixel_rad
         return self.identified(centroids, field, Match(
             star, residual_px, attitude, found.focal_ratio, found.false_alarm))
+
+
+# --- from frame to frame ---
 
 
 class RecursiveIdentifier:

@@ -13,9 +13,8 @@ from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.papers.jpdaf import predict, update
+from startracker_ros.core.papers.jpdaf import associate_stars, predict, update
 from startracker_ros.core.papers.neighbourhood import propagated, star_neighbourhood
-from startracker_ros.core.papers.star_association import associate_stars
 from startracker_ros.core.track.attitude_model import GYRO_SILENCE_S
 from startracker_ros.core.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.core.track.motion_models import (

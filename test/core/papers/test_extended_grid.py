@@ -17,9 +17,8 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.core.papers.extended_grid import (
-    ExtendedGridIdentifier, PredictedField, RecursiveIdentifier)
+    AttitudePrediction, ExtendedGridIdentifier, PredictedField, RecursiveIdentifier)
 from startracker_ros.core.papers.prior_verification import PriorVerifier
-from startracker_ros.core.papers.propagate import AttitudePrediction
 from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 
 EPOCH_YEAR = 2026.5

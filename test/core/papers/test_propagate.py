@@ -10,7 +10,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
-from startracker_ros.core.papers.propagate import AttitudePropagator
+from startracker_ros.core.papers.extended_grid import AttitudePropagator
 
 START = quaternion_from_pointing(*np.radians([251.3, -37.2, 118.0]))
 RATE = np.radians([0.3, -0.8, 0.5])

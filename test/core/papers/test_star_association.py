@@ -9,8 +9,7 @@ from math import factorial
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from startracker_ros.core.papers.jpdaf import update
-from startracker_ros.core.papers.star_association import associate_stars, log_event_sum
+from startracker_ros.core.papers.jpdaf import associate_stars, log_event_sum, update
 from startracker_ros.core.track.association import DetectionModel, gate_size
 from startracker_ros.core.track.options import ASSOCIATIONS
 

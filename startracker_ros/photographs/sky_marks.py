@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What an annotated picture has beside its stars: names, figures, bodies, scale, north, east."""
+"""What an annotated picture has besides its spots: names, figures, scale, north and east."""
 
 import cv2
 import numpy as np
@@ -10,10 +10,9 @@ from startracker_ros.core.catalog.constellations import FIGURES, NAMES
 from startracker_ros.core.catalog.names import STAR_NAMES
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.stages.annotate import Labels
-from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 
-BODY, NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
+NAMED, _SCALE = (150, 190, 255), (235, 235, 235)
 _LINE = (70, 95, 140)
 # Lines end so far from their stars, at most by a share of their length. They have so many points,
 # for distorted images.
@@ -22,15 +21,6 @@ _SHIFT = 4  # bits of the fraction of a pixel
 _STEPS_DEG = (30, 20, 10, 5, 2, 1, 1 / 2, 1 / 3, 1 / 6, 1 / 12, 1 / 30, 1 / 60)
 _LONGEST, _ARROW, _MARGIN = 0.25, 0.06, 0.03  # of the width, of the shorter side
 _SMALL_RAD = 1e-5
-
-
-def mark_bodies(picture: np.ndarray, bodies: tuple[BodyInImage, ...], labels: Labels) -> None:
-    """Draw a circle around each body, as large as its disc, and its name."""
-    for body in bodies:
-        radius = round(max(body.radius_px, 12 * labels.size))
-        centre = (round(body.u), round(body.v))
-        cv2.circle(picture, centre, radius, BODY, labels.thick, cv2.LINE_AA)
-        labels.write(picture, body.name, centre, BODY, radius)
 
 
 def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.ndarray,
