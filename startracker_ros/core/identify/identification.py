@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 import time
-from typing import Protocol
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
@@ -124,24 +123,27 @@ class Candidates:
                                  f'{np.max(rows)}, there are {count}{how}')
 
 
-class FrameIdentifier(Protocol):
-    """
-    Identifies frame after frame, the attitude predicted by the rates of a gyro in between.
+class FrameByFrame:
+    """Identifies one frame after the other, here each by its stars alone."""
 
-    condition states in words how the last frame was identified.
-    """
+    condition = ''
+    """How the last frame was identified, in words."""
 
-    condition: str
+    def __init__(self, identifier: 'Identifier') -> None:
+        self._identifier = identifier
 
     @property
     def has_rates(self) -> bool:
-        """Whether rates were received."""
+        """Whether rates of a gyro were received and are used."""
+        return False
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Process a rate (3,) about sensor axes, measured up to a time; False if unusable."""
+        return True
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Return which stars the centroids of a frame are, later than the frame before."""
+        return self._identifier.identify(centroids)
 
 
 class Identifier(ABC):
@@ -188,9 +190,9 @@ class Identifier(ABC):
         """Return the catalogue of the package that the method uses, magnitudes in a band."""
         return camera_catalog(camera, band=band)
 
-    def from_frame_to_frame(self, gyro: GyroErrorOptions) -> FrameIdentifier | None:
-        """Return an identifier with predicted attitudes, of a method that uses_rates."""
-        return None
+    def frame_by_frame(self, gyro: GyroErrorOptions) -> FrameByFrame:
+        """Return what identifies frames in turn, by a gyro of these errors if it uses_rates."""
+        return FrameByFrame(self)
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs, by identifying a synthetic field."""

@@ -27,7 +27,7 @@ from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.identify.identification import (
-    FieldStars, Identification, IdentificationOptions)
+    FieldStars, FrameByFrame, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.verification import Match
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
@@ -191,7 +191,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         # Two stars are identified by the bright stars alone, as published: no deep catalogue.
         return catalog_in_band(load_catalog(), band)
 
-    def from_frame_to_frame(self, gyro: GyroErrorOptions) -> 'RecursiveIdentifier':
+    def frame_by_frame(self, gyro: GyroErrorOptions) -> 'RecursiveIdentifier':
         return RecursiveIdentifier(self, gyro)
 
     def captures(self, prior: AttitudePrediction) -> bool:
@@ -346,23 +346,18 @@ class ExtendedGridIdentifier(PyramidIdentifier):
 # --- from frame to frame ---
 
 
-class RecursiveIdentifier:
-    """
-    Extended-grid identification from frame to frame, propagated by the gyro in between.
-
-    condition states in words how the last frame was identified.
-    """
+class RecursiveIdentifier(FrameByFrame):
+    """Extended-grid identification from frame to frame, propagated by the gyro in between."""
 
     def __init__(self, identifier: ExtendedGridIdentifier,
                  gyro: GyroErrorOptions = GyroErrorOptions()) -> None:
-        self._identifier = identifier
+        self._identifier: ExtendedGridIdentifier = identifier
         self._propagator = AttitudePropagator(gyro)
         # Rates may come in another thread than frames, which it never stops for a search.
         self._propagates = Lock()
         self.condition = 'no frame yet'
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
-        """Process a rate (3,) about sensor axes, measured up to a time; False if unusable."""
         with self._propagates:
             return self._propagator.add_rate(stamp_ns, rate_rad_s)
 
@@ -372,7 +367,6 @@ class RecursiveIdentifier:
 
     @property
     def has_rates(self) -> bool:
-        """Whether rates were received: without them each frame is identified lost in space."""
         return self._propagator.has_rates
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:

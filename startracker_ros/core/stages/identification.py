@@ -64,26 +64,26 @@ class IdentificationStage:
         self.body_spots = 0
         self._identified_ns: int | None = None
         self._before: tuple[int, Centroids] | None = None
-        self._recursive = self.identifier.from_frame_to_frame(self._gyro)
+        self._frames = self.identifier.frame_by_frame(self._gyro)
 
     @property
     def uses_rates(self) -> bool:
         """Whether the method predicts the attitude with the rates of a gyro."""
-        return self._recursive is not None
+        return self.identifier.uses_rates
 
     @property
     def has_rates(self) -> bool:
         """Whether rates of a gyro came."""
-        return self._recursive is not None and self._recursive.has_rates
+        return self._frames.has_rates
 
     @property
     def prediction(self) -> str:
         """Return what the last frame was identified with, in words; empty without prediction."""
-        return '' if self._recursive is None else self._recursive.condition
+        return self._frames.condition
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Use the rate (3,) about sensor axes measured up to a time; False if unusable."""
-        return self._recursive is None or self._recursive.add_rate(stamp_ns, rate_rad_s)
+        return self._frames.add_rate(stamp_ns, rate_rad_s)
 
     def is_idle(self, stamp_ns: int, tracking: bool, windowed: bool = False) -> bool:
         """
@@ -91,7 +91,7 @@ class IdentificationStage:
 
         A windowed frame, of stars that the tracker predicted, is no check of its tracks.
         """
-        if self._recursive is not None or not tracking:
+        if self.uses_rates or not tracking:
             return False
         if not self._check_period_ns or windowed:
             return True
@@ -111,16 +111,11 @@ class IdentificationStage:
         if centroids.delay_s.any():
             seen, centroids = centroids, self._moved_by_frame_before(stamp_ns, centroids)
             if centroids is not seen:
-                found = self._identify(stamp_ns, centroids)
+                found = self._frames.identify(stamp_ns, centroids)
             if found is None or found.attitude is None:
                 found, centroids = None, self._at_frame_time(seen)
-        found = found or self._identify(stamp_ns, centroids)
+        found = found or self._frames.identify(stamp_ns, centroids)
         return self._without_bodies(stamp_ns, found, centroids), centroids
-
-    def _identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
-        if self._recursive is None:
-            return self.identifier.identify(centroids)
-        return self._recursive.identify(stamp_ns, centroids)
 
     def _without_bodies(self, stamp_ns: int, found: Identification, centroids: Centroids
                         ) -> Identification:
