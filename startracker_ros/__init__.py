@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from startracker_ros.core.identify.identification import Candidates
     from startracker_ros.core.identify.identification import Identification
     from startracker_ros.core.identify.one_frame import identify
-    from startracker_ros.core.stages.solution import Solution
     from startracker_ros.core.star_tracker import StarTracker
     from startracker_ros.io.images.camera_files import load_camera
+    from startracker_ros.photographs.arrays import calibrate
+    from startracker_ros.photographs.arrays import extract
+    from startracker_ros.photographs.arrays import solve
+    from startracker_ros.photographs.solution import Solution
     from startracker_ros.sim.simulator import SkySimulator
-    from startracker_ros.tools.photographs.arrays import calibrate
-    from startracker_ros.tools.photographs.arrays import extract
-    from startracker_ros.tools.photographs.arrays import solve
 
 __version__ = '1.0.0'
 
@@ -45,15 +45,15 @@ _MODULES = {
     'FrameResult': 'core.frame_result',
     'Identification': 'core.identify.identification',
     'SkySimulator': 'sim.simulator',
-    'Solution': 'core.stages.solution',
+    'Solution': 'photographs.solution',
     'StarCatalog': 'core.catalog.stars',
     'StarTracker': 'core.star_tracker',
-    'calibrate': 'tools.photographs.arrays',
-    'extract': 'tools.photographs.arrays',
+    'calibrate': 'photographs.arrays',
+    'extract': 'photographs.arrays',
     'identify': 'core.identify.one_frame',
     'load_camera': 'io.images.camera_files',
     'load_catalog': 'core.catalog.stars',
-    'solve': 'tools.photographs.arrays'}
+    'solve': 'photographs.arrays'}
 # In full, for what reads the source alone.
 __all__ = [
     'Attitude', 'Calibration', 'Camera', 'CandidateIdentifier', 'Candidates', 'Centroids',

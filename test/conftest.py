@@ -76,8 +76,8 @@ LONGEST = (
     'nodes/test_doctor_listens.py',
     'nodes/test_bag_recorder.py',
     'nodes/test_composition.py',
-    'core/stages/test_photographs.py',
-    'core/stages/test_solve.py',
+    'photographs/test_photographs.py',
+    'photographs/test_solve.py',
     'core/stages/test_aberrated_stars.py',
     'tools/report/test_page.py',
     'test_manners.py',
@@ -87,7 +87,7 @@ LONGEST = (
     'evaluation/bench/test_lost_in_space.py',
     'evaluation/campaign/test_integrity_campaign.py',
     'tools/datasheet/test_datasheet.py',
-    'core/identify/test_hausdorff.py',
+    'core/papers/test_hausdorff.py',
     'tools/reprocess/test_reprocess.py',
 )
 NOT_RUN = pytest.StashKey[str]()

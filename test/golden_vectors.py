@@ -26,7 +26,6 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.attitude.propagate import AttitudePrediction
 from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
 from startracker_ros.core.attitude.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
@@ -35,9 +34,10 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, multiply, quaternion_from_rotation_vector, rotate)
+from startracker_ros.core.papers.extended_grid import AttitudePrediction
+from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
-from startracker_ros.core.track.jpdaf import predict, update
 from startracker_ros.core.track.motion_models import constant_velocity, coordinated_turn
 
 FOLDER = Path(__file__).parent / 'conformance'

@@ -12,11 +12,14 @@ from typing import Any, NamedTuple, TextIO
 import zlib
 
 import numpy as np
-from startracker_ros.core.catalog.tiles import CatalogueError
 from startracker_ros.core.extras import extra
 
 Stars = dict[str, np.ndarray]
 """Columns (N,) float64 by role, NaN where a value is missing."""
+
+
+class CatalogueError(ValueError):
+    """A catalogue that cannot be read or made: the text says what, where and what to do."""
 
 
 class Role(NamedTuple):

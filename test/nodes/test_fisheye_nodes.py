@@ -22,6 +22,7 @@ from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, ns_from_stamp, read_cloud)
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import CaptureOptions
+from startracker_ros.photographs.calibrate import calibrate_files
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
@@ -31,7 +32,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.demos.live_demo import read_stamped
 from startracker_ros.tools.live.live import run_live
-from startracker_ros.tools.photographs.calibrate import calibrate_files
 
 # Of 176 deg, off centre: 2 tan(theta / 2), and sin(theta) with its circle inside the image.
 LENSES = {

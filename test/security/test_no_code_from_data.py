@@ -29,6 +29,8 @@ MAY_IMPORT_BY_NAME = {
     'startracker_evaluation/bench/jpda.py',
     # Names of the package, out of signatures.json, which is installed with it.
     '__init__.py', 'core/compiled_types.py', 'warm_up.py',
+    # Names in the package of the classes that are registered.
+    'core/registry.py',
     # Names beside the machine code that is run.
     'core/machine_code_cache.py'}
 # What it unpickles lies beside machine code in the same file, which is run anyway.

@@ -17,9 +17,9 @@ from startracker_evaluation.bench import moving_targets as scene
 from startracker_evaluation.bench.moving_targets import moving_targets, Targets
 from startracker_evaluation.extras import peer_versions
 from startracker_ros.core.centroid.centroids import round_errors
+from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
-from startracker_ros.core.track.jpdaf import predict, update
 from startracker_ros.core.track.motion_models import constant_velocity
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import installed_version, machine, PACKAGE

@@ -11,20 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.tiles import TiledCatalogue
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.extras import extra
-from startracker_ros.core.identify.blind import LENS_ERROR
-from startracker_ros.core.identify.searched_fields import TILED_LOWEST_DEG
-from startracker_ros.core.identify.tiled import Fields, Place, TiledIdentifier
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
-from startracker_ros.core.stages.photograph import first_lens
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.blind import LENS_ERROR
+from startracker_ros.photographs.photograph import first_lens
+from startracker_ros.photographs.searched_fields import TILED_LOWEST_DEG
+from startracker_ros.photographs.solve import NEAR_DEG
+from startracker_ros.photographs.tiled import Fields, Place, TiledIdentifier
+from startracker_ros.photographs.tiles import TiledCatalogue
 from startracker_ros.tools.catalogue.build import build_catalogue
 from startracker_ros.tools.figures.correctness import is_wrong
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
-from startracker_ros.tools.photographs.solve import NEAR_DEG
 
 WIDTH, HEIGHT, EPOCH_YEAR = 1024, 768, 2026.5
 NO_SKY, CATALOGUE = 'no sky', 'catalogue'

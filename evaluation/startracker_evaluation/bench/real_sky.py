@@ -34,13 +34,13 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
-from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.maths.rotation import rotate, unit_from_radec
-from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.detections import Detections
+from startracker_ros.photographs.ladder import LadderIdentifier
+from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.solution import Solution
 from startracker_ros.tools.figures.machine import installed_version, machine
 from startracker_ros.tools.figures.timing import cpu_timed
 

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.attitude.estimate import cramer_rao
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
-from startracker_ros.core.identify.extended_grid import (
-    ExtendedGridIdentifier, ExtendedGridOptions, PredictedField)
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.maths.rotation import (
     angle_between, multiply, quaternion_from_rotation_vector, random_attitude)
+from startracker_ros.core.papers.extended_grid import (
+    AttitudePrediction, AttitudePropagator, ExtendedGridIdentifier, ExtendedGridOptions,
+    PredictedField)
 from startracker_ros.tools.figures.correctness import right_and_wrong
 from startracker_ros.tools.figures.timing import cpu_timed
 

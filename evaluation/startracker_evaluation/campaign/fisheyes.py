@@ -25,9 +25,9 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, random_attitude, rotate)
-from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.parallel import joined, parallel_trials

@@ -20,16 +20,16 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.sip import evaluate
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, random_attitude, rotate)
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.calibrate import calibrate_lists
+from startracker_ros.photographs.sip import evaluate
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import CampaignRow
-from startracker_ros.tools.photographs.calibrate import calibrate_lists
 
 CAMERA = Camera.from_fov(2078, 2136, 11.87)
 AXIS = np.array([0.49, 0.52])  # of width and height

@@ -20,7 +20,6 @@ from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list, synthetic_field
 from startracker_ros.core.extras import new_figure
-from startracker_ros.core.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
 from startracker_ros.core.identify.identification import (
     Candidates, FieldStars, IdentificationOptions)
 from startracker_ros.core.identify.methods import make_identifier
@@ -28,6 +27,7 @@ from startracker_ros.core.identify.pairs import build_pairs
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.maths.rotation import (
     angle_between, quaternion_from_pointing, radec_from_unit, random_attitude, rotate)
+from startracker_ros.core.papers.hausdorff import bright_sets, HausdorffIdentifier, Pivots
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import CORRECT_TEXT, is_correct

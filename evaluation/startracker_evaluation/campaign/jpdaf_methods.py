@@ -12,7 +12,7 @@ from startracker_ros.core.attitude.estimate import AttitudeEstimate, estimate_at
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
+from startracker_ros.core.papers.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
 from startracker_ros.core.track.track_filter import TrackFilter
 

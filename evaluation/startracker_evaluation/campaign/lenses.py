@@ -14,16 +14,16 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.identify.ladder import Attempt, LadderIdentifier
 from startracker_ros.core.maths.rotation import multiply, random_attitude, rotate
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.ladder import Attempt, LadderIdentifier
+from startracker_ros.photographs.learnt_lens import learn_lens, LearntLens
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.parallel import parallel_trials

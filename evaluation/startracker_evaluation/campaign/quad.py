@@ -25,10 +25,10 @@ from startracker_ros.core.extras import new_figure
 from startracker_ros.core.identify.identification import FieldStars, IdentificationOptions
 from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
-from startracker_ros.core.identify.quad import base_quads, matching_quads, QuadIdentifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_pointing,
     quaternion_from_rotation_vector, radec_from_unit, random_attitude, unit_from_radec)
+from startracker_ros.core.papers.quad import base_quads, matching_quads, QuadIdentifier
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result

@@ -10,8 +10,10 @@ import time
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.lens import Lens, ray, shows, undistort
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -20,9 +22,7 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.cache import cached_onboard
 from startracker_ros.core.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.core.options import option, Options
-
-METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
-"""The published methods; each is a module of this name."""
+from startracker_ros.core.registry import METHODS
 
 # Two centroids closer than this are one star that was found twice.
 _DUPLICATE_PX = 1.5
@@ -34,7 +34,7 @@ _LEAST_LIMIT = 3.0
 class IdentificationOptions(Options):
     """How stars are identified, and when a result is accepted."""
 
-    method: str = option('pyramid', 'how candidates are found', choices=METHODS)
+    method: str = option('pyramid', 'how candidates are found', choices=tuple(METHODS))
     magnitude_limit: float = option(
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average; beyond 9 only fields below 4 deg have stars', unit='mag', low=0.0,
@@ -123,6 +123,29 @@ class Candidates:
                                  f'{np.max(rows)}, there are {count}{how}')
 
 
+class FrameByFrame:
+    """Identifies one frame after the other, here each by its stars alone."""
+
+    condition = ''
+    """How the last frame was identified, in words."""
+
+    def __init__(self, identifier: 'Identifier') -> None:
+        self._identifier = identifier
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether rates of a gyro were received and are used."""
+        return False
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Process a rate (3,) about sensor axes, measured up to a time; False if unusable."""
+        return True
+
+    def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
+        """Return which stars the centroids of a frame are, later than the frame before."""
+        return self._identifier.identify(centroids)
+
+
 class Identifier(ABC):
     """
     Identifies frames of one camera at one epoch.
@@ -135,12 +158,14 @@ class Identifier(ABC):
     min_stars = 4
     bases_by_brightness = False
     lens_known = True
+    uses_rates = False
+    own_options: type[Options] | None = None
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         """Build the pattern database, or load it from the cache."""
-        catalog = camera_catalog(camera) if catalog is None else catalog
+        catalog = self.catalog_for(camera) if catalog is None else catalog
         self.until_s = np.full(1, np.inf)
         self.camera = camera
         self.options = options
@@ -159,6 +184,15 @@ class Identifier(ABC):
     @abstractmethod
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; no content of an image raises an error."""
+
+    @staticmethod
+    def catalog_for(camera: Camera, band: BandOptions = BandOptions()) -> StarCatalog:
+        """Return the catalogue of the package that the method uses, magnitudes in a band."""
+        return camera_catalog(camera, band=band)
+
+    def frame_by_frame(self, gyro: GyroErrorOptions) -> FrameByFrame:
+        """Return what identifies frames in turn, by a gyro of these errors if it uses_rates."""
+        return FrameByFrame(self)
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs, by identifying a synthetic field."""

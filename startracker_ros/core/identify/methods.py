@@ -3,27 +3,30 @@
 
 """The identification methods by name."""
 
+from typing import Any
+
 import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.identify.extended_grid import ExtendedGridIdentifier
-from startracker_ros.core.identify.hausdorff import PivotIdentifier, SegmentIdentifier
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
-from startracker_ros.core.identify.pyramid import PyramidIdentifier
-from startracker_ros.core.identify.quad import QuadIdentifier
+from startracker_ros.core.options import Options
+from startracker_ros.core.registry import METHODS
 
-_METHODS: dict[str, type[Identifier]] = {
-    'pyramid': PyramidIdentifier, 'quad': QuadIdentifier, 'hausdorff_pivot': PivotIdentifier,
-    'hausdorff_segment': SegmentIdentifier, 'extended_grid': ExtendedGridIdentifier}
+CLASSES: dict[str, type[Identifier]] = {name: method.load() for name, method in METHODS.items()}
+"""All are imported, so that a node loads their machine code before it is ready."""
 
-_IN_A_PLANE = 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid'
+OWN_OPTIONS: tuple[type[Options], ...] = tuple(
+    kind.own_options for kind in CLASSES.values() if kind.own_options is not None)
+"""The options that a method alone has."""
+
 _WIDEST_RAD = np.radians(75.0)
 
 
 def check_field(camera: Camera, method: str) -> None:
     """Raise CameraError for a method whose patterns are in a plane that the camera has not."""
     angle_rad = camera.corner_angle_rad
-    if method in _IN_A_PLANE and angle_rad > _WIDEST_RAD:
+    if METHODS[method].in_a_plane and angle_rad > _WIDEST_RAD:
         raise CameraError(
             f'method {method} works in a plane: the corners of the image are '
             f'{np.degrees(angle_rad):.0f} deg from the optical axis, at most '
@@ -32,7 +35,17 @@ def check_field(camera: Camera, method: str) -> None:
 
 def make_identifier(camera: Camera, epoch_year: float,
                     options: IdentificationOptions = IdentificationOptions(),
-                    catalog: StarCatalog | None = None) -> Identifier:
-    """Return an identifier of the method, its database built or cached; CameraError."""
+                    catalog: StarCatalog | None = None, *, band: BandOptions = BandOptions(),
+                    own: Options | None = None) -> Identifier:
+    """
+    Return an identifier of the method, its database built or cached; CameraError.
+
+    Without a catalogue it is that of the method, with magnitudes in a band; own are options of
+    its own_options.
+    """
     check_field(camera, options.method)
-    return _METHODS[options.method](camera, epoch_year, options, catalog)
+    kind: Any = CLASSES[options.method]
+    if catalog is None:
+        catalog = kind.catalog_for(camera, band)
+    made: Identifier = kind(camera, epoch_year, options, catalog, *([] if own is None else [own]))
+    return made

@@ -3,10 +3,15 @@
 
 """Star images as a person wants to see them: stretched, with marks and names."""
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
 from startracker_ros.core.catalog.deep import star_name
 from startracker_ros.core.catalog.names import STAR_NAMES
+
+if TYPE_CHECKING:
+    from startracker_ros.core.stages.bodies import BodyInImage
 
 # Two ticks, right of the star and below it, leave the star itself free.
 RETICLE_TICKS_PX = np.array([(6.0, 0.0), (14.0, 0.0), (0.0, 6.0), (0.0, 14.0)])
@@ -14,6 +19,7 @@ _FONT, _LETTERS = cv2.FONT_HERSHEY_SIMPLEX, 0.5
 _CIRCLE_PX = 9.0
 FOUND = (255, 190, 60)
 IDENTIFIED = (90, 230, 120)
+BODY = (255, 235, 90)
 _REJECTED = (230, 90, 90)
 
 
@@ -51,6 +57,16 @@ def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
             name = STAR_NAMES.get(int(number)) or star_name(int(number))
             labels.write(picture, name, centre, colour)
     return picture
+
+
+def mark_bodies(picture: np.ndarray, bodies: tuple['BodyInImage', ...], labels: 'Labels'
+                ) -> None:
+    """Draw a circle around each body, as large as its disc, and its name."""
+    for body in bodies:
+        radius = round(max(body.radius_px, 12 * labels.size))
+        centre = (round(body.u), round(body.v))
+        cv2.circle(picture, centre, radius, BODY, labels.thick, cv2.LINE_AA)
+        labels.write(picture, body.name, centre, BODY, radius)
 
 
 class Labels:

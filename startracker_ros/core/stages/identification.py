@@ -9,14 +9,10 @@ import numpy as np
 from startracker_ros.core.astro.bodies import bodies_at
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.band import BandOptions, catalog_in_band
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.extended_grid import (
-    ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
-from startracker_ros.core.identify.methods import check_field, make_identifier
+from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.stages.bodies import Bodies
@@ -45,8 +41,8 @@ class IdentificationStage:
     """
     Identifies frames while the star tracker does not track, and checks it now and then.
 
-    Method extended_grid identifies every frame: it predicts the attitude with the rates of a
-    gyro, and only a fresh prediction identifies a field of two or three stars.
+    A method that predicts the attitude with the rates of a gyro identifies every frame: only a
+    fresh prediction identifies a field of two or three stars. own are options of the method alone.
 
     Planets, Moon and Sun are no stars: body_spots counts the centroids of the newest identified
     frame that are these.
@@ -55,17 +51,12 @@ class IdentificationStage:
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  check: CheckOptions = CheckOptions(),
-                 grid: ExtendedGridOptions = ExtendedGridOptions(),
+                 own: Options | None = None,
                  gyro: GyroErrorOptions = GyroErrorOptions(),
                  band: BandOptions = BandOptions()) -> None:
         self._check_period_ns = round(check.check_period_s * 1e9)
         self._gyro = gyro
-        check_field(camera, options.method)
-        self.identifier = (
-            ExtendedGridIdentifier(camera, epoch_year, options,
-                                   catalog_in_band(load_catalog(), band), grid=grid)
-            if options.method == 'extended_grid' else
-            make_identifier(camera, epoch_year, options, camera_catalog(camera, band=band)))
+        self.identifier = make_identifier(camera, epoch_year, options, band=band, own=own)
         self.reset()
 
     def reset(self) -> None:
@@ -73,27 +64,26 @@ class IdentificationStage:
         self.body_spots = 0
         self._identified_ns: int | None = None
         self._before: tuple[int, Centroids] | None = None
-        self._recursive = (RecursiveIdentifier(self.identifier, self._gyro)
-                           if isinstance(self.identifier, ExtendedGridIdentifier) else None)
+        self._frames = self.identifier.frame_by_frame(self._gyro)
 
     @property
     def uses_rates(self) -> bool:
         """Whether the method predicts the attitude with the rates of a gyro."""
-        return self._recursive is not None
+        return self.identifier.uses_rates
 
     @property
     def has_rates(self) -> bool:
         """Whether rates of a gyro came."""
-        return self._recursive is not None and self._recursive.has_rates
+        return self._frames.has_rates
 
     @property
     def prediction(self) -> str:
         """Return what the last frame was identified with, in words; empty without prediction."""
-        return '' if self._recursive is None else self._recursive.condition
+        return self._frames.condition
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Use the rate (3,) about sensor axes measured up to a time; False if unusable."""
-        return self._recursive is None or self._recursive.add_rate(stamp_ns, rate_rad_s)
+        return self._frames.add_rate(stamp_ns, rate_rad_s)
 
     def is_idle(self, stamp_ns: int, tracking: bool, windowed: bool = False) -> bool:
         """
@@ -101,7 +91,7 @@ class IdentificationStage:
 
         A windowed frame, of stars that the tracker predicted, is no check of its tracks.
         """
-        if self._recursive is not None or not tracking:
+        if self.uses_rates or not tracking:
             return False
         if not self._check_period_ns or windowed:
             return True
@@ -121,16 +111,11 @@ class IdentificationStage:
         if centroids.delay_s.any():
             seen, centroids = centroids, self._moved_by_frame_before(stamp_ns, centroids)
             if centroids is not seen:
-                found = self._identify(stamp_ns, centroids)
+                found = self._frames.identify(stamp_ns, centroids)
             if found is None or found.attitude is None:
                 found, centroids = None, self._at_frame_time(seen)
-        found = found or self._identify(stamp_ns, centroids)
+        found = found or self._frames.identify(stamp_ns, centroids)
         return self._without_bodies(stamp_ns, found, centroids), centroids
-
-    def _identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
-        if self._recursive is None:
-            return self.identifier.identify(centroids)
-        return self._recursive.identify(stamp_ns, centroids)
 
     def _without_bodies(self, stamp_ns: int, found: Identification, centroids: Centroids
                         ) -> Identification:

@@ -9,9 +9,7 @@ import numpy as np
 from startracker_ros.core.attitude.result import SOLVERS
 from startracker_ros.core.catalog.deep import DEEP_LIMIT
 from startracker_ros.core.options import option, Options
-
-JPDAF_MODELS = ('constant_velocity', 'coordinated_turn')
-MODELS = ('attitude', *JPDAF_MODELS, 'sna')
+from startracker_ros.core.registry import MODELS
 
 ASSOCIATIONS = ('poisson', 'diffuse', 'normalised')
 """
@@ -19,14 +17,6 @@ Factors of phi false centroids in a joint event: lambda^phi of a Poisson process
 phi! / V^phi of a density that is not known, with the area V of all gates; or none, where the
 matrix of all sums is normalised by rows and columns at once.
 """
-
-_MODELS_OF = {
-    'solver': (*JPDAF_MODELS, 'sna'), 'association': JPDAF_MODELS,
-    'sna_confirmation': JPDAF_MODELS, 'roll_by_gyro': JPDAF_MODELS}
-"""The models in which an option has an effect: in the others its default is required."""
-
-_OF_FILTERS = ('acceleration_deg_s2', 'roll_acceleration_deg_s2', 'detection_probability',
-               'gate_probability')
 
 
 @dataclass(frozen=True)
@@ -36,7 +26,7 @@ class TrackerOptions(Options):
     model: str = option(
         'attitude', 'attitude: one rotation moves all stars; constant_velocity and '
         'coordinated_turn: a filter for each star (JPDAF); sna: no filter, each star where it '
-        'was measured (star neighbourhood approach)', choices=MODELS)
+        'was measured (star neighbourhood approach)', choices=tuple(MODELS))
     solver: str = option(
         'quest', 'solver of the attitude, of all models but attitude: quest, davenport and svd '
         'find the same best fit of all stars, triad takes the two that determine it best',
@@ -98,8 +88,8 @@ class TrackerOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in self.changed:
-            models = _MODELS_OF.get(name, MODELS)
-            if self.model not in models:
+            models = [model for model, registered in MODELS.items() if name in registered.options]
+            if models and self.model not in models:
                 raise ValueError(
                     f'{name} = {getattr(self, name)!r} has no effect with model = '
                     f'{self.model!r}: it is an option of {", ".join(models)}')
@@ -107,7 +97,7 @@ class TrackerOptions(Options):
     @property
     def ignored(self) -> list[str]:
         """Return the options that are not the default and have no effect without a filter."""
-        return [name for name in self.changed if self.model == 'sna' and name in _OF_FILTERS]
+        return [name for name in self.changed if name in MODELS[self.model].ignored]
 
     @property
     def acceleration_rad_s2(self) -> np.ndarray:

@@ -21,12 +21,11 @@ from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import attitude_error
-from startracker_ros.core.track.attitude_model import AttitudeModel
+from startracker_ros.core.registry import MODELS
 from startracker_ros.core.track.bank import TrackBank
 from startracker_ros.core.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.core.track.in_view import StarsInView
-from startracker_ros.core.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars, zero_point
 from startracker_ros.core.track.options import TrackerOptions
@@ -49,6 +48,10 @@ NEIGHBOURHOOD_PX = 10.0
 TIME_JUMP_S = 1.0
 """A step back of time by more is a restart (a simulation, a recording played again); by less, a
 late frame."""
+
+
+# All are imported, so that a node loads their machine code before it is ready.
+_MODELS = {name: model.load() for name, model in MODELS.items()}
 
 
 class TrackerState(StrEnum):
@@ -502,10 +505,8 @@ class TrackFilter:
 
 def make_model(camera: Camera, options: TrackerOptions, gyro: Gyro) -> StarModel:
     """Return the model that the options name."""
-    if options.model == 'attitude':
-        return AttitudeModel(camera, options, gyro)
-    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, options, gyro)
+    model: StarModel = _MODELS[options.model](camera, options, gyro)
+    return model
 
 
 # --- frames of a source that is frozen: two exposures never have the same noise ---

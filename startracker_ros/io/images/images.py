@@ -17,7 +17,6 @@ from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.levels import levels_of
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
-from startracker_ros.core.identify.searched_fields import HIGHEST_DEG
 from startracker_ros.io.images import fits_image, ser_video, xisf_image
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.exif import read_exif, Taken, upright
@@ -271,23 +270,13 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
     """
     if camera_file is not None:
         return load_camera(camera_file)
-    _ideal_camera(1, 1, fov_deg, distortion_model)
+    ideal_camera(1, 1, fov_deg, distortion_model)
     return None
 
 
-def given_camera(width: int, height: int, fov_deg: float) -> Camera | None:
-    """
-    Return the ideal camera of a field of view, None for one so wide that no such lens has it.
-
-    CameraError for an impossible field.
-    """
-    wide = fov_deg > HIGHEST_DEG
-    camera = _ideal_camera(width, height, fov_deg, EQUIDISTANT if wide else PLUMB_BOB)
-    return None if wide else camera
-
-
-def _ideal_camera(width: int, height: int, fov_deg: float | None,
-                  distortion_model: str = PLUMB_BOB) -> Camera:
+def ideal_camera(width: int, height: int, fov_deg: float | None,
+                 distortion_model: str = PLUMB_BOB) -> Camera:
+    """Return the ideal camera of a field of view; CameraError for an impossible one."""
     if fov_deg is None:
         if distortion_model != EQUIDISTANT:
             raise CameraError('neither a camera file nor a field of view')
@@ -315,7 +304,7 @@ def camera_of(path: Path | str, image: np.ndarray, camera: Camera | None, fov_de
     ImageError when the given camera has another image size.
     """
     height, width = image.shape
-    camera = camera or _ideal_camera(width, height, fov_deg, distortion_model)
+    camera = camera or ideal_camera(width, height, fov_deg, distortion_model)
     if (camera.width, camera.height) != (width, height):
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')

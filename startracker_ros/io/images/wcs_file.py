@@ -9,7 +9,7 @@ camera is fitted to the directions of a grid of pixels: Levenberg-Marquardt on f
 principal point, distortion and the attitude of the optical axis.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -19,9 +19,8 @@ from startracker_ros.core.camera.distortion import (
     EQUIDISTANT, MODELS, PLUMB_BOB, RATIONAL, terms_of)
 from startracker_ros.core.camera.lens import farthest_angle, Lens, rays, undistorted
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.camera.sip import evaluate, plane_axes
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, quaternion_from_rotation_vector, unit_from_radec)
+    matrix_from_quaternion, quaternion_from_rotation_vector, radec_from_unit, unit_from_radec)
 
 LARGEST_RESIDUAL_PX = 0.5
 """A header whose distortion no camera model has to within this, anywhere in the image, is
@@ -29,7 +28,7 @@ rejected."""
 
 SUFFIXES = ('.wcs', '.fits', '.fit', '.fts', '.hdr', '.head')
 _LARGEST_HEADER_BYTES = 10_000_000
-_CARD, _BLOCK = 80, 2880  # bytes
+CARD, BLOCK = 80, 2880  # bytes
 _GRID = 21  # pixels along each side
 # Of TAN, each with so many terms free.
 _MODELS = (PLUMB_BOB, 0), (PLUMB_BOB, 1), (PLUMB_BOB, 5), (RATIONAL, 8)
@@ -81,16 +80,16 @@ def _wcs_header(content: bytes) -> dict[str, str]:
 
 def _headers(content: bytes) -> Iterator[dict[str, str]]:
     """Yield the cards of each header and data unit, or of the lines of a text file."""
-    if b'\n' in content[:_CARD + 1]:
+    if b'\n' in content[:CARD + 1]:
         yield _cards(content.decode('ascii', 'replace').splitlines())
         return
     begin = 0
     while begin < len(content):
         lines = []
         while begin < len(content):
-            block = content[begin:begin + _BLOCK].decode('ascii', 'replace')
-            begin += _BLOCK
-            lines += [block[i:i + _CARD] for i in range(0, len(block), _CARD)]
+            block = content[begin:begin + BLOCK].decode('ascii', 'replace')
+            begin += BLOCK
+            lines += [block[i:i + CARD] for i in range(0, len(block), CARD)]
             if any(line.rstrip() == 'END' for line in lines):
                 break
         header = _cards(lines)
@@ -99,7 +98,7 @@ def _headers(content: bytes) -> Iterator[dict[str, str]]:
         if axes:
             size = (abs(int(header['BITPIX'])) // 8 * int(header.get('GCOUNT', 1))
                     * (int(header.get('PCOUNT', 0)) + int(np.prod(axes, dtype=object))))
-            begin += -(-size // _BLOCK) * _BLOCK
+            begin += -(-size // BLOCK) * BLOCK
 
 
 def _cards(lines: list[str]) -> dict[str, str]:
@@ -154,6 +153,19 @@ def header_directions(content: bytes, pixels: np.ndarray) -> np.ndarray:
     header = _wcs_header(content)
     axis = unit_from_radec(*np.radians([float(header['CRVAL1']), float(header['CRVAL2'])]))
     return _native_directions(header, pixels) @ plane_axes(axis)
+
+
+def plane_axes(axis: np.ndarray) -> np.ndarray:
+    """Return the axes (3, 3) of a plane of projection as rows: east, north, and its axis."""
+    ra, _ = radec_from_unit(axis)
+    east = np.array([-np.sin(ra), np.cos(ra), 0.0])
+    return np.stack([east, np.cross(axis, east), axis])
+
+
+def evaluate(polynomials: Iterable[np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Return both polynomials (n, n) at x (N, 2)."""
+    return np.stack([np.polynomial.polynomial.polyval2d(x[:, 0], x[:, 1], polynomial)
+                     for polynomial in polynomials], -1)
 
 
 def _radial(header: dict[str, str]) -> tuple[float, ...] | None:

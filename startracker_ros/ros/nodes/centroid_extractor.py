@@ -12,10 +12,9 @@ from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
-from startracker_ros.core.stages.annotate import annotate, Labels
+from startracker_ros.core.stages.annotate import annotate, Labels, mark_bodies
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
-from startracker_ros.core.stages.sky_marks import mark_bodies
 from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode, EARLY

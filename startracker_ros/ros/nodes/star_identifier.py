@@ -15,8 +15,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.core.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.identify.methods import CLASSES, OWN_OPTIONS
 from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
@@ -39,7 +39,7 @@ class StarIdentifierNode(CameraNode):
     In a thread: tracking, diagnostics and signals never wait for a search.
     """
 
-    option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions,
+    option_classes = (CheckOptions, IdentificationOptions, *OWN_OPTIONS, GyroErrorOptions,
                       BandOptions)
     task = 'identification'
 
@@ -65,17 +65,19 @@ class StarIdentifierNode(CameraNode):
     def restart(self) -> None:
         self._search.clear()
         options = self.options(IdentificationOptions)
-        if options.method == 'extended_grid' and not self._subscribed_imu:
+        if CLASSES[options.method].uses_rates and not self._subscribed_imu:
             # Only if it is used: a gyro publishes a hundred messages a second.
             self.subscribe_rates(self._add_rate)
             self._subscribed_imu = True
         self.diagnostics.values.pop('prediction', None)
 
     def builder(self, camera: Camera, epoch_year: float) -> Callable[[], IdentificationStage]:
+        options = self.options(IdentificationOptions)
+        own = CLASSES[options.method].own_options
         return partial(
-            IdentificationStage, camera, epoch_year, self.options(IdentificationOptions),
-            self.options(CheckOptions), self.options(ExtendedGridOptions),
-            self.options(GyroErrorOptions), self.options(BandOptions))
+            IdentificationStage, camera, epoch_year, options, self.options(CheckOptions),
+            None if own is None else self.options(own), self.options(GyroErrorOptions),
+            self.options(BandOptions))
 
     def use(self, built: IdentificationStage) -> None:
         self._stage = built

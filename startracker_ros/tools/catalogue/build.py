@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A catalogue for narrow fields out of a user's files, in a folder: core/catalog/tiles.py.
+A catalogue for narrow fields out of a user's files, in a folder: photographs/tiles.py.
 
 Memory is bounded, however many stars there are: they are read in pieces, written one after another
 and then put into the cells of the sky; quads are made of one part of the sky after another. The
@@ -24,18 +24,18 @@ from uuid import uuid4
 import numpy as np
 from startracker_ros.core.catalog.sky_grid import cell_numbers, cells_along, SkyGrid
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, StarCatalog
-from startracker_ros.core.catalog.tiles import (
-    CatalogueError, COLUMNS, DESCRIPTION, double_precision, FORMAT, QUADS, VERSION)
-from startracker_ros.core.identify.ladder import REFERENCE_YEAR
-from startracker_ros.core.identify.searched_fields import TILED_HIGHEST_DEG
-from startracker_ros.core.identify.sky_quads import (
-    CODE_CELLS, code_cells, level_sides_deg, quads_of)
-from startracker_ros.core.identify.tiled import (
-    Fields, QUAD_DENSITY, QUAD_INNER, side_range_deg)
 from startracker_ros.core.maths.rotation import radec_from_unit
 from startracker_ros.io.output import output_folder
 from startracker_ros.io.star_tables import read_stars, Stars
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.ladder import REFERENCE_YEAR
+from startracker_ros.photographs.searched_fields import TILED_HIGHEST_DEG
+from startracker_ros.photographs.sky_quads import (
+    CODE_CELLS, code_cells, level_sides_deg, quads_of)
+from startracker_ros.photographs.tiled import (
+    Fields, QUAD_DENSITY, QUAD_INNER, side_range_deg)
+from startracker_ros.photographs.tiles import (
+    CatalogueError, COLUMNS, DESCRIPTION, double_precision, FORMAT, QUADS, VERSION)
 
 _Item = TypeVar('_Item')
 

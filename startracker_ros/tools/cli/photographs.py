@@ -11,15 +11,15 @@ from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
 from startracker_ros.core.astro.constants import MAX_SPEED_M_S
-from startracker_ros.core.identify.searched_fields import (
-    HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
 from startracker_ros.io.output import check_output
+from startracker_ros.photographs.searched_fields import (
+    HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
 from startracker_ros.tools.cli.inputs import FOV_DEG, InputPath, require_some
 from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
 if TYPE_CHECKING:
-    from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
+    from startracker_ros.photographs.epoch_and_site import ObserverSite
 
 _Command = TypeVar('_Command', bound=Callable[..., Any])
 
@@ -102,7 +102,7 @@ def _observer_site(site: tuple[float, float, float] | None, pressure_hpa: float 
     """Return where the camera was."""
     import numpy as np
     from startracker_ros.core.astro.ground_site import Site
-    from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
+    from startracker_ros.photographs.epoch_and_site import ObserverSite
     return ObserverSite(
         None if site is None else Site(*site, pressure_hpa, temperature_c),
         None if velocity_km_s is None else 1e3 * np.array(velocity_km_s))
@@ -177,12 +177,12 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     _check_observer(**observer_site)
     require_some(images)
     from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.core.catalog.tiles import CatalogueError
     from startracker_ros.core.identify.identification import IdentificationOptions
     from startracker_ros.io.images.images import ImageError
-    from startracker_ros.tools.photographs.outputs import Outputs
-    from startracker_ros.tools.photographs.solve import (
+    from startracker_ros.photographs.outputs import Outputs
+    from startracker_ros.photographs.solve import (
         CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
+    from startracker_ros.photographs.tiles import CatalogueError
     paths = _image_files(images)
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
@@ -251,7 +251,7 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
 
     `startracker solve --catalogue FOLDER` searches it.
     """
-    from startracker_ros.core.catalog.tiles import CatalogueError
+    from startracker_ros.photographs.tiles import CatalogueError
     from startracker_ros.tools.catalogue.build import build_catalogue
     with exit_1_on(CatalogueError, output=output):
         result = build_catalogue(
@@ -295,8 +295,8 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     require_some(images)
     from startracker_ros.core.calibration.adjustment import CalibrationError
     from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.tools.photographs.calibrate import calibrate_files
-    from startracker_ros.tools.photographs.epoch_and_site import epoch_of
+    from startracker_ros.photographs.calibrate import calibrate_files
+    from startracker_ros.photographs.epoch_and_site import epoch_of
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         check_output(output)
         result = calibrate_files(_image_files(images), output, fov_deg=fov_deg,

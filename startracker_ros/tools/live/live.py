@@ -38,7 +38,6 @@ from startracker_ros.core.folders import replaced
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion, rotate
 from startracker_ros.core.stages.bodies import Bodies
-from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.bags.layouts import image_from_message, MessageError, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera, save_camera
@@ -46,6 +45,8 @@ from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.outputs import annotated
+from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import attitude_from_pose
@@ -55,7 +56,6 @@ from startracker_ros.ros.processes import HarnessError
 from startracker_ros.ros.rig import Rig
 from startracker_ros.tools.live.sky_page import PICTURE, SkyPage, THIS_MACHINE
 from startracker_ros.tools.live.texts import exposure_text, focus_text, state_texts
-from startracker_ros.tools.photographs.outputs import annotated
 
 _SHOW_S, _DRAW_S = 0.25, 1.0
 _IMAGES, _KEPT_NS = 5, 5_000_000_000

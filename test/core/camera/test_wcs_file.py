@@ -14,7 +14,7 @@ from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.wcs_file import read_wcs_camera
-from startracker_ros.tools.photographs.outputs import image_wcs
+from startracker_ros.photographs.outputs import image_wcs
 
 LENS = Camera(1024, 768, 1300.0, 1310.0, 530.0, 370.0, (-0.2, 0.05, 1e-3, -2e-3, 0.0))
 Q = quaternion_from_pointing(*np.radians([296.7, 11.3, 335.0]))

@@ -9,7 +9,7 @@ import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import CentroidExtractor, SIGMA_IMAGES
 from startracker_ros.io.images.camera_files import save_camera
-from startracker_ros.tools.photographs.solve import solve_files
+from startracker_ros.photographs.solve import solve_files
 
 SIDE_PX = 192
 # Number of stars, their width in px, particle hits, motion in px.

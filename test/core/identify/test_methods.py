@@ -5,8 +5,9 @@
 
 import pytest
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.identify.identification import IdentificationOptions, METHODS
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import check_field
+from startracker_ros.core.registry import METHODS
 from startracker_ros.core.stages.identification import IdentificationStage
 
 FISHEYE = Camera.from_fov(1024, 768, 155.0, 'equidistant')

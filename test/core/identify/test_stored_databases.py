@@ -23,17 +23,18 @@ from startracker_ros.core.catalog.deep import load_deep_catalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.identify.cache import cached_brightest, cached_pairs
-from startracker_ros.core.identify.identification import IdentificationOptions, METHODS
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
-from startracker_ros.core.identify.sky_quads import sky_quads
-from startracker_ros.core.identify.sky_triangles import sky_triangles
+from startracker_ros.core.registry import METHODS
 from startracker_ros.core.stages.identification import IdentificationStage
-from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.stored_arrays import prepare, resident_bytes
 from startracker_ros.io.images.images import read_image
-from startracker_ros.tools.photographs import solve
+from startracker_ros.photographs import solve
+from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.sky_quads import sky_quads
+from startracker_ros.photographs.sky_triangles import sky_triangles
 
 BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 RECORDED = {

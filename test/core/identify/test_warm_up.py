@@ -8,9 +8,10 @@ import pytest
 from skies import SMALL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
-from startracker_ros.core.identify.extended_grid import RecursiveIdentifier
-from startracker_ros.core.identify.identification import IdentificationOptions, METHODS
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.papers.extended_grid import RecursiveIdentifier
+from startracker_ros.core.registry import METHODS
 
 EPOCH_YEAR = 2026.5
 

@@ -16,10 +16,10 @@ from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.star_tracker import StarTracker
+from startracker_ros.photographs.solve import solve_image
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.photographs.solve import solve_image
 
 EPOCH_YEAR = 2026.5
 CAMERA = Camera.from_fov(512, 512, 16.0)

@@ -18,17 +18,17 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, radec_from_unit)
 from startracker_ros.core.stages.annotate import annotate, Labels
 from startracker_ros.core.stages.bodies import Bodies
-from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.core.stages.sky_marks import compass
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.table import Result, show
+from startracker_ros.photographs.outputs import annotated, Outputs
+from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.sky_marks import compass
+from startracker_ros.photographs.solve import solve_files
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
-from startracker_ros.tools.photographs.outputs import annotated, Outputs
-from startracker_ros.tools.photographs.solve import solve_files
 
 CAMERA, YEAR = Camera.from_fov(1024, 768, 14.0), 2026.5
 ERROR_RAD = np.array([60 * ARCSEC])

@@ -11,11 +11,11 @@ from startracker_ros.core.centroid.detection import PX_PER_PEAK
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.photographs.solve import solve_image
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
-from startracker_ros.tools.photographs.solve import solve_image
 
 CAMERA, YEAR = Camera.from_fov(512, 480, 50.0), 2026.0
 

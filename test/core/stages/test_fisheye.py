@@ -13,15 +13,15 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.stages.parameters import StarTrackerOptions
-from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.images.camera_files import load_camera
+from startracker_ros.photographs.calibrate import calibrate_files
+from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.solve import solve_files
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
-from startracker_ros.tools.photographs.calibrate import calibrate_files
-from startracker_ros.tools.photographs.solve import solve_files
 
 # 155 deg, 198 deg from corner to corner.
 CAMERA = Camera(1024, 768, 388.0, 388.0, 516.0, 378.0, (-0.02, 0.003, 0.0, 0.0), 'equidistant')

@@ -12,10 +12,10 @@ from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
+from startracker_ros.core.papers.independent_stars import rolled
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError
-from startracker_ros.core.track.independent_stars import rolled
 from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
-from startracker_ros.core.track.options import JPDAF_MODELS, TrackerOptions
+from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
@@ -83,7 +83,7 @@ def test_a_solver_of_the_library_is_that_of_the_tracker():
     assert chosen.tracker.solver == chosen.validation.solver == 'triad'
 
 
-@pytest.mark.parametrize('model', [*JPDAF_MODELS, 'sna'])
+@pytest.mark.parametrize('model', ['constant_velocity', 'coordinated_turn', 'sna'])
 def test_the_attitude_is_that_of_the_solver_and_the_same_stars(model):
     motion = Motion(ONBOARD, (0.0, 0.1, 0.05), false_points=10)
     tracker, _ = flown(motion, 20, model=model, solver='triad')
@@ -102,7 +102,7 @@ def test_the_attitude_is_that_of_the_solver_and_the_same_stars(model):
     assert error @ np.linalg.solve(found.covariance_sensor, error) < 25
 
 
-@pytest.mark.parametrize('model', JPDAF_MODELS)
+@pytest.mark.parametrize('model', ['constant_velocity', 'coordinated_turn'])
 def test_a_measured_roll_is_no_noise(model):
     rms = {}
     for measured in (True, False):

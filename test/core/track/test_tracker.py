@@ -14,7 +14,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
-from startracker_ros.core.track.options import MODELS, TrackerOptions
+from startracker_ros.core.registry import MODELS
+from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 from startracker_ros.core.track.tracks import Hint
 

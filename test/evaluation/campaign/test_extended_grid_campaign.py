@@ -12,8 +12,8 @@ import pytest
 from startracker_evaluation.campaign import extended_grid as campaign
 from startracker_evaluation.campaign.extended_grid_frames import (
     camera, frames, gyro_drift_px, predicted, triangle_votes)
-from startracker_ros.core.identify.extended_grid import PredictedField
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.papers.extended_grid import PredictedField
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 

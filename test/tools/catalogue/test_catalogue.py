@@ -23,15 +23,15 @@ import startracker_ros as st
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import TILED_OFFSET
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR
-from startracker_ros.core.catalog.tiles import (
-    CatalogueError, COLUMNS, DESCRIPTION, double_precision, QUADS, TiledCatalogue)
-from startracker_ros.core.identify.ladder import REFERENCE_YEAR
-from startracker_ros.core.identify.sky_quads import quad_table, quads_of
-from startracker_ros.core.identify.tiled import (
-    Fields, Place, QUAD_DENSITY, QUAD_INNER, side_range_deg, TiledIdentifier)
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, unit_from_radec)
 from startracker_ros.io.images.images import read_photograph
+from startracker_ros.photographs.ladder import REFERENCE_YEAR
+from startracker_ros.photographs.sky_quads import quad_table, quads_of
+from startracker_ros.photographs.tiled import (
+    Fields, Place, QUAD_DENSITY, QUAD_INNER, side_range_deg, TiledIdentifier)
+from startracker_ros.photographs.tiles import (
+    CatalogueError, COLUMNS, DESCRIPTION, double_precision, QUADS, TiledCatalogue)
 from startracker_ros.tools.catalogue import build
 from startracker_ros.tools.catalogue.build import build_catalogue
 from startracker_ros.tools.figures.correctness import is_wrong

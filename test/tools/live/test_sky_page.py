@@ -16,10 +16,10 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.photographs.outputs import annotated
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.tools.live.sky_page import SkyPage, THIS_MACHINE
 from startracker_ros.tools.live.texts import degrees_text, hours_text, state_texts
-from startracker_ros.tools.photographs.outputs import annotated
 
 FIGURES = {
     'state': 'TRACKING', 'ra_deg': 83.8221, 'dec_deg': -5.3911, 'roll_deg': 12.5,

@@ -1,0 +1,312 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Identification of an image of unknown scale: quads of its stars, whatever their size.
+
+The code of a quad (sky_quads.py) does not depend on the scale of the image, so one look-up
+searches all fields of view. A quad of the sky with the same code gives the scale, hence the field
+of view, and all stars of such a field verify it as in any identification. In wide fields the shape
+of a quad depends on its place in the image: one lens after the other is assumed there, and quads
+of about its scale are candidates.
+
+Of T candidates tested so far, each has T times the false-alarm probability of a single one. It is
+accepted below false_alarm_max over HARMONIC, more than the sum of 1 / T over all tests of an
+image.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import islice, pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.camera.lens import plane_points
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.identify.cache import cached_brightest
+from startracker_ros.core.identify.identification import (
+    Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
+from startracker_ros.core.identify.support import support, supporters
+from startracker_ros.core.identify.verification import (
+    rejected, Verification, Verifier, VerifierData, verify)
+from startracker_ros.core.stored_arrays import prepare
+from startracker_ros.photographs.ladder import Attempt, chip_ratio, REFERENCE_YEAR
+from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
+from startracker_ros.photographs.sky_quads import matching_quads, sky_quads, SkyQuads
+
+LENS_ERROR = 0.12
+"""How far the focal length of the fitted lens may be from that of the quad, as a share."""
+
+LIKELY_DEG = 25.0
+"""That of the camera that stands for a photograph of which nothing is known."""
+
+LISTS = 2
+_STEP = 1.1
+_FIELDS_PER_CATALOGUE = 2
+STARS_PER_FIELD = 30.0
+# So wide a field and all narrower ones have one catalogue, of all stars.
+_ALL_STARS_DEG = 1.15
+# What the images of a catalogue are like; other shapes see some more or fewer of its stars.
+_WIDTH, _HEIGHT = 1024, 768
+COARSEST_PIXEL_DEG = 0.3
+"""Larger pixels resolve no stars."""
+
+HARMONIC = 13.0  # of 200,000 candidates; a hopeless image has some 10,000
+ATTEMPTS = 2
+"""Searches of one image at most: as it is, and mirrored."""
+
+
+class _Lens(NamedTuple):
+    """
+    A lens that is assumed: field of view of the long side, fy / fx, and tolerance of codes.
+
+    The field of a candidate is low to high times that.
+    """
+
+    fov_deg: float
+    pixel_ratio: float
+    tolerance: float
+    low: float
+    high: float
+
+
+# Up to this field of view one lens, 10 deg wide, stands for all. Tolerances of codes: an error of
+# a pixel in a side of 300 px; of pixels that are not square; of a wide lens half a step off.
+_PLANE_DEG, _PLANE_MOST_DEG, _WIDE_STEP = 10.0, 28.0, 1.1
+TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
+_PLANE = _Lens(_PLANE_DEG, 1.0, TOLERANCE, LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
+_WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_STEP)
+              for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
+# Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
+# and as many everywhere.
+_TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
+# Quads are made of so many of the brightest stars, in turn.
+BATCHES, QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
+MOST_CANDIDATES = 50_000  # of one look-up
+# Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
+_FLOOR_PX, SCALE_ERROR = 1.0, 0.075
+# Of which the fourth star of the quad and the order of brightness have up to 8.
+LEAST_SUPPORT = 9.0
+_SAME_PX = 1.5  # distance of a star in two lists
+
+
+def _half_tangents() -> np.ndarray:
+    """Return the tangents (F,) of half the long side of each field."""
+    low, high = np.tan(np.radians([LOWEST_DEG, HIGHEST_DEG]) / 2)
+    return np.geomspace(low, high, int(np.ceil(np.log(high / low) / np.log(_STEP))) + 1)
+
+
+_TANGENTS = _half_tangents()
+_ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
+
+
+class Field(NamedTuple):
+    """The camera of a field of view, its catalogue at REFERENCE_YEAR and its verifier."""
+
+    camera: Camera
+    onboard: OnboardCatalog
+    verifier: Verifier
+
+
+class Candidates(NamedTuple):
+    """Image stars (K, 4) of the centroids that may be the stars of the numbers (K, 4)."""
+
+    centroids: Centroids
+    base: np.ndarray
+    number: np.ndarray
+
+
+class BlindIdentifier:
+    """Identifies images of cameras of any field of view at one epoch."""
+
+    def __init__(self, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions()) -> None:
+        """Tables and catalogues are loaded, or built, when they are first searched."""
+        self._years = epoch_year - REFERENCE_YEAR
+        self._options = options
+        self._deep = cache(load_deep_catalog)
+        self._tables: dict[int, tuple[StarCatalog, SkyQuads]] = {}
+        self._catalogues: dict[int, OnboardCatalog] = {}
+        self._shape = (0, 0)
+        self._fields: dict[tuple[int, float], Field] = {}
+
+    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int]) -> Iterator[Attempt]:
+        """Yield each identification of an image of shape (H, W) px."""
+        yield from self._identify(lists, shape, BATCHES)
+
+    def identify_quickly(self, lists: Iterable[Centroids], shape: tuple[int, int]
+                         ) -> Iterator[Attempt]:
+        """Yield the results of a short search, of an image that is probably something else."""
+        yield from self._identify(lists, shape, QUICK_BATCHES)
+
+    def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int],
+                  batches: Sequence[int]) -> Iterator[Attempt]:
+        if shape != self._shape:
+            self._shape, self._fields = shape, {}
+        tested, used = 0, list(islice(lists, LISTS))
+        for first, last in pairwise(batches):
+            for table in range(len(_TABLES)):
+                found = self._candidates(used, table, first, last)
+                for (number, ratio), candidates in sorted(found.items()):
+                    field = self._field(number, ratio)
+                    if field.onboard.stored is not None:
+                        prepare(field.onboard.stored)
+                    for one in candidates:
+                        tested += len(one.base)
+                        attempt = verified(field, one, tested, self._options, self._years)
+                        if attempt is not None:
+                            yield attempt
+                            # One list may have the stars with too many other spots for a lens.
+                            yield from (in_list(attempt, other) for other in used
+                                        if other is not one.centroids)
+
+    def _candidates(self, lists: Sequence[Centroids], table: int, first: int, last: int
+                    ) -> dict[tuple[int, float], list[Candidates]]:
+        """Return the candidates of the quads of a table by field and pixel ratio."""
+        found: dict[tuple[int, float], list[Candidates]] = {}
+        for lens, centroids in product(_lenses(self._shape, table), lists):
+            camera = ideal_camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2),
+                                  lens.pixel_ratio)
+            _, direction, _ = stars_seen(camera, centroids, self._options)
+            if len(direction) <= first:
+                continue
+            catalog, quads = self._table(table)
+            base, row, ratio = matching_quads(
+                quads.table, direction, first, last, lens.tolerance, lens.low, lens.high,
+                MOST_CANDIDATES)
+            number = catalog.hip[quads.table.star[row]]
+            tangent = np.tan(np.radians(np.minimum(lens.fov_deg * ratio, 170.0)) / 2)
+            field = np.abs(np.log(tangent[:, None] / _TANGENTS)).argmin(1)
+            for chosen in np.unique(field):
+                mine = field == chosen
+                found.setdefault((int(chosen), lens.pixel_ratio), []).append(
+                    Candidates(centroids, base[mine], number[mine]))
+        return found
+
+    def wide_quads(self) -> tuple[StarCatalog, SkyQuads]:
+        """Return the quads of wide fields, and the catalogue of their stars."""
+        return self._table(0)
+
+    def _table(self, number: int) -> tuple[StarCatalog, SkyQuads]:
+        if number not in self._tables:
+            least, most, density, deep = _TABLES[number]
+            catalog = self._deep() if deep else load_catalog()
+            self._tables[number] = catalog, sky_quads(
+                catalog, REFERENCE_YEAR, least, most, density, even=deep)
+        prepare(self._tables[number][1].stored)
+        return self._tables[number]
+
+    def _field(self, field: int, pixel_ratio: float) -> Field:
+        key = field, pixel_ratio
+        if key not in self._fields:
+            camera = ideal_camera(self._shape, _TANGENTS[field], pixel_ratio)
+            onboard = self._onboard(field)
+            self._fields[key] = Field(camera, onboard, Verifier(
+                camera, onboard, self._options.tolerance_sigmas, SCALE_ERROR,
+                lens_known=False))
+        return self._fields[key]
+
+    def _onboard(self, field: int) -> OnboardCatalog:
+        step = max(field, _ALL_STARS) // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
+        widest = min(step + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
+        if widest not in self._catalogues:
+            camera = ideal_camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
+            catalog = camera_catalog(camera, self._deep)
+            # As many everywhere, at least: quads of narrow fields have fainter stars far from
+            # the Milky Way.
+            self._catalogues[widest] = cached_brightest(
+                catalog, camera, REFERENCE_YEAR, limit_for(camera, catalog, STARS_PER_FIELD),
+                STARS_PER_FIELD / (camera.fov_x_rad * camera.fov_y_rad))
+        return self._catalogues[widest]
+
+
+def verified(field: Field, candidates: Candidates, tested: int, options: IdentificationOptions,
+             years: float) -> Attempt | None:
+    """Return the best of candidates with the stars so many years later; None if not accepted."""
+    centroids = candidates.centroids
+    star = field.onboard.index_of(candidates.number)
+    known = (star >= 0).all(1)
+    base, star = candidates.base[known], star[known]
+    index, direction, sigma_rad = stars_seen(field.camera, centroids, options)
+    best, verification = best_of_quads(
+        field.verifier.data, direction, sigma_rad, base, star, tested)
+    if best < 0 or verification.false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
+        return None
+    match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
+    hip, magnitude, residual_px = per_centroid(
+        len(centroids), index, match.star, match.residual_px, field.onboard.hip,
+        field.onboard.magnitude)
+    return Attempt(
+        Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                       match.attitude, match.focal_ratio, match.false_alarm),
+        field.camera, field.onboard.after(years), centroids,
+        replace(field.camera, fy=field.camera.fx))
+
+
+def stars_seen(camera: Camera, centroids: Centroids, options: IdentificationOptions
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the usable centroids as usable_stars() does, of an ideal lens."""
+    return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
+                        centroids.sigma_px, options.max_image_stars, _FLOOR_PX)
+
+
+@compiled
+def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, base: np.ndarray,
+                  star: np.ndarray, tested: int) -> tuple[int, Verification]:
+    """
+    Return the row of the most probable candidate, -1 for none, and its verification.
+
+    Stars base (K, 4) of image (N, 3) are taken for the catalogue stars star (K, 4).
+    """
+    seen = plane_points(verifier.equidistant, image)
+    best, row = rejected(len(image)), -1
+    four, stars = np.empty(4, np.int64), np.empty(4, np.int64)
+    for k in range(len(base)):
+        for m in range(4):
+            four[m], stars[m] = base[k, m], star[k, m]
+        seen_by = supporters(verifier.sky, image, sigma, four[:3], verifier.tolerance_sigmas)
+        if support(verifier.sky, seen_by, stars[0], stars[1], stars[2],
+                   LEAST_SUPPORT) <= LEAST_SUPPORT:
+            continue
+        verification = verify(verifier, seen, sigma, four, stars, tested)
+        if verification.false_alarm < best.false_alarm:
+            best, row = verification, k
+    return row, best
+
+
+def in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
+    """Return an identification with the stars of another list of the same image."""
+    found = attempt.identification
+    known = np.flatnonzero(found.hip)
+    apart = np.linalg.norm(centroids.uv[:, None] - attempt.centroids.uv[known], axis=2)
+    there = np.flatnonzero(apart.min(0, initial=np.inf) < _SAME_PX)
+    here = apart[:, there].argmin(0) if len(there) else there
+    hip = np.zeros(len(centroids), np.int32)
+    magnitude, residual_px = np.full((2, len(centroids)), np.nan)
+    hip[here], magnitude[here], residual_px[here] = (
+        column[known[there]] for column in (found.hip, found.magnitude, found.residual_px))
+    return attempt._replace(centroids=centroids, identification=replace(
+        found, hip=hip, magnitude=magnitude, residual_px=residual_px))
+
+
+def _lenses(shape: tuple[int, int], table: int) -> tuple[_Lens, ...]:
+    """Return the lenses that are assumed of an image of shape (H, W) with a table."""
+    height, width = shape
+    # Of telescopes all pixels are square.
+    others = (*(_PLANE._replace(pixel_ratio=ratio, tolerance=_RATIO_TOLERANCE)
+                for ratio in (chip_ratio(width, height) or 0.5, 2.0)), *_WIDE)
+    return tuple(lens for lens in (_PLANE, *(() if table else others))
+                 if lens.low * lens.fov_deg < COARSEST_PIXEL_DEG * max(shape))
+
+
+def ideal_camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.0) -> Camera:
+    """Return the ideal camera whose long side has the tangent of half its field."""
+    height, width = shape
+    focal = max(shape) / 2 / float(tangent)
+    return Camera(width, height, focal, focal * pixel_ratio, (width - 1) / 2, (height - 1) / 2)

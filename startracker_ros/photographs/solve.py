@@ -1,0 +1,357 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Attitude of image files: extraction, identification, pointing."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache, lru_cache, partial
+from itertools import chain, count, islice
+from pathlib import Path
+import sys
+import time
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.centroid.hits import without_clusters
+from startracker_ros.core.identify.icrf import icrf_identification
+from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
+from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.machine_code_cache import load_imported
+from startracker_ros.core.stages.bodies import Bodies
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.io.images.camera_files import is_wcs, load_camera
+from startracker_ros.io.images.dark import read_dark
+from startracker_ros.io.images.images import (
+    camera_of, ideal_camera, ImageError, Photograph, read_photograph)
+from startracker_ros.io.images.video import frames, is_video
+from startracker_ros.io.images.wcs_file import read_wcs_camera
+from startracker_ros.io.several_files import OneOfSeveral
+from startracker_ros.io.table import Result
+from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
+from startracker_ros.photographs.outputs import Outputs
+from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.searched_fields import HIGHEST_DEG
+from startracker_ros.photographs.solution import MIN_STARS, Solution
+from startracker_ros.photographs.tiled import Place
+from startracker_ros.photographs.tiles import TiledCatalogue
+
+DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'cpu_ms',
+           'written', 'not_written')
+"""Columns that are too wide for the terminal."""
+
+# What a person knows of the field of view of a photograph, and of a calibrated camera.
+UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
+# Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
+PHOTOGRAPH_LIMIT_S = 1.0
+_MOST_NAMED = 4
+NEAR_DEG = 5.0
+"""How far an image may be from the position that is given for it."""
+
+
+class Shot(NamedTuple):
+    """
+    A photograph, or the reason why its file cannot be read.
+
+    output is the name of what is written of it, frame its number in a video and time_s its time
+    there, None for an image.
+    """
+
+    path: Path
+    output: str
+    photograph: Photograph | None = None
+    error: str = ''
+    frame: int | None = None
+    time_s: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Return the name of the file, with the number of the frame of a video."""
+        return self.path.name + ('' if self.frame is None else f'#{self.frame}')
+
+
+def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iterator[Shot]:
+    """Yield the photographs of files, of videos the selected frames; names are of output."""
+    for path, name in zip(paths, names):
+        errors = list[str]()
+        with OneOfSeveral(errors.append):
+            if not is_video(path):
+                yield Shot(path, name, read_photograph(path))
+                continue
+            number = None
+            for number, time_s, image, taken in islice(
+                    frames(path), selection.start, selection.stop, selection.step):
+                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image, taken=taken),
+                           frame=number, time_s=time_s)
+            if number is None:
+                raise ImageError(f'{path}: --frames selects no frame of it')
+        for error in errors:
+            yield Shot(path, name, error=error)
+
+
+def output_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name of the files for each image, numbered where several have the same."""
+    names: dict[str, None] = {}
+    for path in paths:
+        numbered = (f'{path.stem}-{number}' for number in count(2))
+        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
+    return [*names]
+
+
+def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
+                sky: ApparentCatalog, bodies: Bodies = Bodies()) -> Solution:
+    """Return the attitude of one image (H, W) of a calibrated camera, or why there is none."""
+    extraction = extractor.extract(image)
+    centroids = extraction.centroids
+    if len(centroids) < MIN_STARS:
+        return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)
+    solution = _solve_centroids(centroids, identifier, sky)
+    if solution.sky is None:
+        return solution
+    found = solution.identification
+    seen = bodies.in_image(solution.sky)
+    spots = bodies.spots(solution.sky, centroids, found.magnitude)
+    if (spots & (found.hip > 0)).any():
+        solution = _solve_centroids(centroids.select(~spots), identifier, sky)
+    return replace(solution, bodies=seen if solution.sky else ())
+
+
+def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: ApparentCatalog
+                     ) -> Solution:
+    found = icrf_identification(
+        identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
+    camera = identifier.camera.with_focal_ratio(found.focal_ratio)
+    mapping = None if found.attitude is None else SkyMapping(
+        camera, found.attitude.quaternion, sky.observer.vantage)
+    return Solution(centroids, found, camera, sky=mapping)
+
+
+def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
+                camera_file: Path | None = None, epoch_year: float | None = None,
+                observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
+                selection: slice = slice(None), outputs: Outputs = Outputs(),
+                catalogue: Path | None = None, near_deg: tuple[float, float] | None = None,
+                dark_file: Path | None = None,
+                options: IdentificationOptions = IdentificationOptions()) -> Result:
+    """
+    Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
+
+    The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
+    fields and fisheyes are searched where that is unknown or does not fit. catalogue is the folder
+    of one for narrow fields, near_deg their right ascension and declination within NEAR_DEG;
+    without it that of a FITS header, and anywhere. epoch_year None is the time of each image by
+    EXIF, else today. mirror flips each image from left to right first; the result is that of the
+    flipped image. A mirrored FITS image whose header has no ROWORDER has its first row at the top.
+    selection is that of the frames of videos and of animated or paged files, each of which is a
+    row. dark_file is a dark frame or a list of bad pixels (dark.py) of all images. CameraError for
+    an impossible camera, CatalogueError for a folder without a catalogue, ImageError for a
+    dark_file that cannot be read, OutputError for an impossible folder of outputs; an unreadable
+    image is a row of its own, and so is one that fails otherwise.
+    """
+    outputs.check()
+    dark = None if dark_file is None else read_dark(dark_file)
+    if fov_deg is not None:
+        given_camera(1, 1, fov_deg)
+    solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
+                      catalogue)
+    rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
+    written = list[Path]()
+    for shot in _progress(shots(paths, output_names(paths), selection), paths):
+        row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
+        rows.append(row)
+        if shot.photograph is None:
+            continue
+        photograph = shot.photograph
+        solution: Solution | None = None
+        with OneOfSeveral(partial(row.__setitem__, 'reason')):
+            photograph = photograph if dark is None else dark.subtracted(photograph)
+            photograph = photograph.mirror() if mirror else photograph
+            when = epoch_of(epoch_year, photograph.taken)
+            observer = observer_site.observer(when)
+            solution, solve_ms = solvers.solve(
+                shot.path, photograph, when, observer, observer_site.bodies(when), near_deg)
+        if solution is None:
+            continue
+        whens.append(when)
+        observers.append(observer)
+        if solution.turned_over:
+            photograph = photograph.turn_over()
+            turned_over.append(shot.label)
+        if solution.dropped is not None:
+            dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
+                           f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
+        files = list[Path]()
+        row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
+        for write in outputs.writers:
+            with OneOfSeveral(partial(row.__setitem__, 'not_written')):
+                if (file := write(shot.output, photograph, solution, when.year)) is not None:
+                    files.append(file)
+        row['written'] = [*map(str, files)]
+        written += files
+    whens = whens or [epoch_of(epoch_year)]
+    observers = observers or [observer_site.observer(whens[0])]
+    fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
+           if camera_file is not None and is_wcs(camera_file) else {})
+    return Result('solve', rows, {
+        **fit, **({'mirror': True} if mirror else {}),
+        **({'fov_deg': '; '.join(dropped)} if dropped else {}),
+        **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
+        **({'written': _files_text(written)} if written else {}),
+        'epoch': whens[0].year,
+        'epoch_from': _different(when.source for when in whens),
+        'aberration': _different(observer.condition for observer in observers)}, DETAILS)
+
+
+def _files_text(files: Sequence[Path]) -> str:
+    """Return the names of some files, of many how many are in each folder."""
+    if len(files) <= _MOST_NAMED:
+        return ', '.join(map(str, files))
+    counts = Counter(file.parent for file in files)
+    return ', '.join(f'{count} files in {folder}' for folder, count in counts.items())
+
+
+def _different(texts: Iterable[str]) -> str:
+    return '; '.join(dict.fromkeys(texts))
+
+
+def given_camera(width: int, height: int, fov_deg: float) -> Camera | None:
+    """
+    Return the ideal camera of a field of view, None for one so wide that no such lens has it.
+
+    CameraError for an impossible field.
+    """
+    wide = fov_deg > HIGHEST_DEG
+    camera = ideal_camera(width, height, fov_deg, EQUIDISTANT if wide else PLUMB_BOB)
+    return None if wide else camera
+
+
+class Solvers:
+    """
+    What solves images, by camera and epoch.
+
+    The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both that of the
+    file or any. catalogue is the folder of one for narrow fields of uncalibrated cameras.
+    """
+
+    def __init__(self, fov_deg: float | None, camera: Camera | None,
+                 options: IdentificationOptions, catalogue: Path | str | None = None) -> None:
+        """CatalogueError for a folder without a catalogue."""
+        self._fov_deg = fov_deg
+        self._calibrated = camera
+        # Images of one camera and one night mostly follow each other. Not of methods of this
+        # object: the cycle would keep the databases until garbage is collected.
+        self._photographs = lru_cache(maxsize=2)(partial(
+            PhotographSolver, options=options,
+            catalogue=None if catalogue is None else TiledCatalogue(catalogue)))
+        self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
+
+    def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
+              bodies: Bodies, near_deg: tuple[float, float] | None = None
+              ) -> tuple[Solution, np.ndarray]:
+        """
+        Return the solution of an image, and time and processor time in ms (2,); ImageError.
+
+        A mirrored image is turned over where the order of its rows is not known, and clusters of
+        hot pixels are removed where an image has no solution with them. near_deg is that of
+        solve_files().
+        """
+        near_deg = near_deg or photograph.pointing_deg
+        place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
+        solution, time_ms = self._solve(path, photograph, when, observer, bodies, place)
+        if solution.status == 'mirrored' and not photograph.order_known:
+            solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies,
+                                            place)
+            return replace(solution, turned_over=True), time_ms + more_ms
+        if not solution.solved:
+            # Sharp stars of compressed images look like such clusters: these are no first choice.
+            clean = without_clusters(photograph.image)
+            if clean is not photograph.image:
+                cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,
+                                               observer, bodies, place)
+                return (cleaned.of_tries(2) if cleaned.solved else solution), time_ms + more_ms
+        return solution, time_ms
+
+    def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
+               bodies: Bodies, place: Place | None) -> tuple[Solution, np.ndarray]:
+        _load_code()
+        image = photograph.image
+        if self._calibrated is None:
+            fov_deg = self._fov_deg or photograph.fov_x_deg
+            height, width = image.shape
+            nominal = None if fov_deg is None else given_camera(width, height, fov_deg)
+            # Identifiers round epochs to years.
+            solver = self._photographs(round(when.year))
+            start_s = _clocks_s()
+            solution = solver.solve(image, nominal, observer, bodies, place)
+        else:
+            camera = camera_of(path, image, self._calibrated, None)
+            # In 9 days no bright star moves by 0.1 arcsec.
+            year = when.year if when.source == OPTION else round(20 * when.year) / 20
+            identifier, onboard = self._calibrations(camera, year)
+            sky = ApparentCatalog(onboard, observer)
+            start_s = _clocks_s()
+            # A new extractor, so that no image depends on those before.
+            solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
+        return solution, 1e3 * (_clocks_s() - start_s)
+
+
+@cache
+def _load_code() -> None:
+    """Load what is compiled, once, so that it counts in the time of no image."""
+    load_imported()
+
+
+def _clocks_s() -> np.ndarray:
+    """Return the time, and the processor time of this process."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
+                       ) -> tuple[Identifier, OnboardCatalog]:
+    return (make_identifier(camera, year, options),
+            onboard_catalog(camera_catalog(camera), camera, year))
+
+
+def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
+    """Return what is found, with a progress bar on a terminal where that is more than one."""
+    from rich.console import Console
+    from rich.progress import track
+    videos = any(map(is_video, paths))
+    if len(paths) < 2 and not videos or not sys.stderr.isatty():
+        return found
+    return track(found, 'solve', total=None if videos else len(paths),
+                 console=Console(stderr=True), transient=True)
+
+
+def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[str, object]:
+    numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
+    row: dict[str, object] = {
+           'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
+           'matched': 0, 'solve_ms': float(solve_ms[0]), 'reason': '',
+           **dict.fromkeys(DETAILS), 'cpu_ms': float(solve_ms[1]), 'written': [],
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
+    if solution is None:
+        return row
+    row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+               false_alarm_probability=solution.false_alarm)
+    row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
+                     for body in solution.bodies]
+    attitude, camera = solution.identification.attitude, solution.camera
+    if attitude is not None:
+        row.update({name: getattr(solution, name) for name in numbers})
+        row.update(solved=True, matched=solution.matched, quaternion=attitude.quaternion.tolist(),
+                   covariance_sensor=attitude.covariance_sensor.ravel().tolist(),
+                   lens={'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
+                         'distortion': list(camera.distortion),
+                         'distortion_model': camera.distortion_model})
+    return row

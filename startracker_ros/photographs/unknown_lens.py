@@ -1,0 +1,204 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Identification of an image of a wide lens of which nothing is known, its centre neither.
+
+Such a lens is a fisheye, or a rectilinear one whose image is cropped or strongly distorted. The
+projections of lenses differ little near the axis: an assumed one, of about the focal
+length, has the shapes of small quads of stars (sky_quads.py) nearly right. One after the other is
+assumed. A quad of neighbouring spots that has the shape of a quad of the sky is a candidate, and
+the lens is grown from its four stars (lens_growth.py): attitude, focal lengths, principal point
+and radial terms. The most probable one of all assumed lenses is taken.
+
+Of T candidates tested so far, each has T times the probability of a single one that its matches
+are chance. The limit is so low that it adds nothing to the false alarms of other searches: a wide
+lens sees dozens of bright stars.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property
+from itertools import combinations, islice
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
+from startracker_ros.core.camera.distortion import coefficients_of, EQUIDISTANT, MODELS, PLUMB_BOB
+from startracker_ros.core.camera.lens import farthest_angle, Lens, project, rays, undistorted
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.cache import cached_brightest
+from startracker_ros.core.identify.identification import Identification, per_centroid
+from startracker_ros.core.stored_arrays import prepare
+from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
+from startracker_ros.photographs.lens_growth import best_grown
+from startracker_ros.photographs.sky_quads import matching_neighbours, SkyQuads
+
+
+class Lenses(NamedTuple):
+    """
+    Lenses of a kind that are assumed.
+
+    radial are k1 to k4 of each; the longest side of the image has least_span focal lengths at
+    least, the shortest side most_span at most. free (P,) are the prior standard deviations of
+    attitude, focal length, pixel ratio, principal point and the terms from k1 on.
+    """
+
+    model: str
+    radial: tuple[tuple[float, float, float, float], ...]
+    least_span: float
+    most_span: float
+    free: np.ndarray
+
+
+# theta_d / theta of the projections as a series in theta^2, theta_d the radius over the focal
+# length: 2 tan(theta / 2), theta, 2 sin(theta / 2) and sin(theta). From part of a circle to a
+# circle with a margin.
+FISHEYES = Lenses(
+    EQUIDISTANT,
+    ((1 / 12, 1 / 120, 17 / 20160, 31 / 362880), (0.0, 0.0, 0.0, 0.0),
+     (-1 / 24, 1 / 1920, -1 / 322560, 1 / 92897280),
+     (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880)),
+    1.3, 5.2, np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001]))
+# Of 28 to some 100 deg and cropped, so that the axis may be anywhere. Narrower ones are found
+# without their distortion.
+RECTILINEAR = Lenses(PLUMB_BOB, ((0.0, 0.0, 0.0, 0.0),), 0.5, 1.7,
+                     np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.25, 0.25, 0.25, 0.1]))
+_STEP = 1.15  # from one focal length to the next
+_LISTS, _SPOTS, _NEIGHBOURS = 3, 60, 7
+_TOLERANCE, _RATIO = 0.012, 1.15  # of codes; of the focal length that a quad shows
+_MOST_CANDIDATES = 20_000
+_CERTAIN, _BEST = 1e-9, 3
+# Rms of the residuals of the right lens, as a share of the long side and in px: one that has grown
+# into a part of the image only, with another projection, fits worse.
+_MOST_RESIDUAL, _LEAST_RESIDUAL_PX = 0.002, 3.0
+_MAGNITUDE_LIMIT = 5.5
+_STARS_PER_SPOT, _FEWEST_STARS = 2.0, 300
+_SKY = 2000  # directions by which the share of the sky in an image is measured
+_BELOW_HORIZON = -0.1
+
+
+class UnknownLensIdentifier:
+    """Identifies images of unknown wide lenses at one epoch."""
+
+    def __init__(self, epoch_year: float, wide_quads: Callable[[], tuple[StarCatalog, SkyQuads]]
+                 ) -> None:
+        """wide_quads returns the quads, and the catalogue of their stars, when they are needed."""
+        self._years = epoch_year - REFERENCE_YEAR
+        self._wide_quads = wide_quads
+
+    @cached_property
+    def _onboard(self) -> OnboardCatalog:
+        # What such a camera resolves.
+        camera = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
+        return cached_brightest(load_catalog(), camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
+
+    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int],
+                          lenses: Lenses) -> Iterator[Attempt]:
+        """Yield the results in the last of the lists, which are flipped from left to right."""
+        yield from self.identify([*islice(lists, _LISTS)][-1:], shape, lenses)
+
+    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int], lenses: Lenses
+                 ) -> Iterator[Attempt]:
+        """Yield each identification of an image of shape (H, W) px by lenses of a kind."""
+        catalog, sky = self._wide_quads()
+        if self._onboard.stored is not None:
+            prepare(sky.stored, self._onboard.stored)
+        tested = 0
+        for centroids in islice(lists, _LISTS):
+            quads, uv = neighbours(centroids.uv[:_SPOTS]), centroids.uv[:_SPOTS].copy()
+            found = []
+            for lens in _assumed(shape, lenses):
+                spot, star, ratio, bright = self._candidates(catalog, sky, lens, uv, quads)
+                tested += len(spot)
+                if len(spot):
+                    found.append(best_grown(
+                        lens, lenses.free, self._onboard.direction[:bright], uv,
+                        centroids.sigma_px[:_SPOTS].copy(), spot, star, ratio))
+            # The first one may have grown into a part of the image only.
+            for chance, lens, _, matched in sorted(found, key=itemgetter(0))[:_BEST]:
+                attempt = (self._attempt(lens, matched, centroids, chance * tested)
+                           if chance * tested < _CERTAIN else None)
+                if attempt is not None:
+                    yield attempt
+
+    def _candidates(self, catalog: StarCatalog, sky: SkyQuads, lens: Lens, uv: np.ndarray,
+                    quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """
+        Return which spots (K, 4) of uv may be which stars (K, 4), and ratios of the sides (K,).
+
+        The last one is the number of catalogue stars, the brightest ones, that the image may show.
+        """
+        direction = rays(lens.equidistant, undistorted(lens, uv))
+        spot, row, ratio = matching_neighbours(
+            sky.table, direction, quads, _TOLERANCE, 1 / _RATIO, _RATIO, _MOST_CANDIDATES)
+        bright = min(max(int(_STARS_PER_SPOT * len(uv) / _share_of_sky(lens)), _FEWEST_STARS),
+                     len(self._onboard))
+        star = self._onboard.index_of(catalog.hip[sky.table.star[row]])
+        known = ((star >= 0) & (star < bright)).all(axis=1)
+        return spot[known].astype(np.int64), star[known], ratio[known], bright
+
+    def _attempt(self, lens: Lens, matched: np.ndarray, centroids: Centroids, false_alarm: float
+                 ) -> Attempt | None:
+        """Return the result of a grown lens, None where no camera has it or it fits badly."""
+        row = np.flatnonzero(matched >= 0)
+        try:
+            model = EQUIDISTANT if lens.equidistant else PLUMB_BOB
+            camera = Camera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy,
+                            coefficients_of(model, lens.terms), model)
+            sensor = camera.unproject(centroids.uv[row])
+            # The errors of stars at the edge of the image circle lead out of it.
+            inside = np.isfinite(sensor).all(axis=1)
+            attitude = estimate_attitude(
+                sensor[inside], self._onboard.direction[matched[row[inside]]],
+                np.maximum(centroids.sigma_px[row[inside]], 1.0) * camera.pixel_rad)
+        except (CameraError, AttitudeError):
+            return None
+        residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / camera.pixel_rad
+        if residual_px > max(_MOST_RESIDUAL * max(lens.width, lens.height), _LEAST_RESIDUAL_PX):
+            return None
+        hip, magnitude, unknown = per_centroid(
+            len(centroids), np.arange(len(matched)), matched, np.full(len(matched), np.nan),
+            self._onboard.hip, self._onboard.magnitude)
+        return Attempt(
+            Identification('identified', f'{len(row)} stars', hip, magnitude, unknown,
+                           attitude, 1.0, false_alarm),
+            camera, self._onboard.after(self._years), centroids, camera)
+
+
+def neighbours(uv: np.ndarray) -> np.ndarray:
+    """Return quads (Q, 4), each once, of the spots uv (N, 2) with their nearest neighbours."""
+    if len(uv) <= _NEIGHBOURS:
+        return np.array(list(combinations(range(len(uv)), 4)), np.int64).reshape(-1, 4)
+    nearest = np.linalg.norm(uv[:, None] - uv, axis=2).argsort(axis=1)[:, :_NEIGHBOURS + 1]
+    others = np.array(list(combinations(range(1, _NEIGHBOURS + 1), 3)))
+    quads = np.concatenate([np.broadcast_to(nearest[:, :1, None], (len(uv), len(others), 1)),
+                            nearest[:, others]], axis=2).reshape(-1, 4)
+    return np.unique(np.sort(quads, axis=1), axis=0)
+
+
+def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[Lens]:
+    """Yield the lenses that are assumed, with the axis in the middle of an image (H, W) px."""
+    height, width = shape
+    equidistant = MODELS[lenses.model].equidistant
+    longest, shortest = max(shape) / lenses.least_span, min(shape) / lenses.most_span
+    steps = int(np.ceil(np.log(longest / shortest) / np.log(_STEP)))
+    for focal_px in np.geomspace(longest, shortest, steps + 1).tolist():
+        for k1, k2, k3, k4 in lenses.radial:
+            terms = (k1, k2, 0.0, 0.0, k3, k4, 0.0, 0.0, 0.0)
+            yield Lens(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2,
+                       terms, k1 != 0, equidistant, farthest_angle(equidistant, terms))
+
+
+def _share_of_sky(lens: Lens) -> float:
+    """Return the share of the sky, above the horizon of a lens, that an image shows."""
+    z = 1 - (2 * np.arange(_SKY) + 1) / _SKY
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_SKY)
+    direction = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn),
+                          z], axis=1)[z > _BELOW_HORIZON]
+    u, v = project(lens, direction).T
+    seen = (u > -0.5) & (u < lens.width - 0.5) & (v > -0.5) & (v < lens.height - 0.5)
+    return max(int(np.count_nonzero(seen)), 1) / _SKY
