@@ -22,17 +22,16 @@ from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.datasheet import rows
-from startracker_ros.tools.datasheet.availability import DISTURBANCES, disturbed_runs
 from startracker_ros.tools.datasheet.bounds import limiting_magnitude, star_image
-from startracker_ros.tools.datasheet.by_rate import lines_of, number, rates_of
 from startracker_ros.tools.datasheet.calibrated import (
     calibrated_instrument, calibration_errors, field_errors, IMAGES)
 from startracker_ros.tools.datasheet.estimates import AXES
+from startracker_ros.tools.datasheet.image_runs import DISTURBANCES, disturbed_runs
 from startracker_ros.tools.datasheet.instrument import (
     EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
 from startracker_ros.tools.datasheet.motions import Pointings
-from startracker_ros.tools.datasheet.published import PUBLISHED
-from startracker_ros.tools.datasheet.rows import SheetRow, SplitErrors
+from startracker_ros.tools.datasheet.rows import (
+    lines_of, number, PUBLISHED, rates_of, SheetRow, SplitErrors)
 from startracker_ros.tools.datasheet.single_images import image_errors, SHIFTS
 from startracker_ros.tools.datasheet.sky_coverage import (
     field_magnitudes, identified_fields, SkyFields, star_counts)

@@ -41,8 +41,8 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
             yield from check_geometry('camera file', of_file)
     if listen_s:
         done = subprocess.run(
-            [sys.executable, '-m', 'startracker_ros.tools.doctor.listening', str(listen_s),
-             namespace],
+            [sys.executable, '-m', 'startracker_ros.tools.doctor.processes', 'listen',
+             str(listen_s), namespace],
             env=node_environment(), capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f'status {done.returncode}']

@@ -116,7 +116,7 @@ def check_shared_memory(free_bytes: int) -> Check:
 
 def check_loopback(environment: Mapping[str, str], timeout_s: float = 30.0) -> Check:
     """Return whether an image of 2 MiB comes from another process, and how soon."""
-    command = [sys.executable, '-m', 'startracker_ros.tools.doctor.loopback']
+    command = [sys.executable, '-m', 'startracker_ros.tools.doctor.processes']
     topic = f'startracker_doctor_{os.getpid()}'
     sender = subprocess.Popen([*command, 'send', topic], env=dict(environment),
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

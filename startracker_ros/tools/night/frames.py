@@ -29,8 +29,8 @@ from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.tools.night.earth_motion import EarthMotion, inliers
+from startracker_ros.tools.night.patterns import Stars, without_turns
 from startracker_ros.tools.night.sources import NightError, TimedImage
-from startracker_ros.tools.night.stars import Stars, without_turns
 from startracker_ros.tools.photographs.calibrate import MAX_STARS
 
 _WIDTH_STARS, _WIDTH_ITERATIONS = 60, 4

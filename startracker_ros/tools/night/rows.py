@@ -19,9 +19,8 @@ from startracker_ros.tools.night.intervals import (
     block_mean, block_trend, bootstrapped, chi_square_mean, Interval, root, share,
     successive_sigma, UNKNOWN)
 from startracker_ros.tools.night.patterns import (
-    field_columns, field_degree, fit_pattern, Pattern, PHASE_COLUMNS, phase_columns,
-    single_coefficient)
-from startracker_ros.tools.night.stars import frame_normals, Stars, turns_of, without_turns
+    field_columns, field_degree, fit_pattern, frame_normals, Pattern, phase_columns,
+    PHASE_COLUMNS, single_coefficient, Stars, turns_of, without_turns)
 
 AXES = {'cross boresight': slice(0, 2), 'about boresight': slice(2, 3)}
 _HOUR_S = 3600.0

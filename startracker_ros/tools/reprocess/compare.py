@@ -14,8 +14,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.output import write_picture
 from startracker_ros.io.table import Result
-from startracker_ros.tools.reprocess.runs import open_run, Run
-from startracker_ros.tools.reprocess.tables import BAG
+from startracker_ros.tools.reprocess.tables import BAG, open_run, Run
 
 _COLUMNS = [BAG, 'stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),
             *(f'error_{axis}_arcsec' for axis in 'xyz')]

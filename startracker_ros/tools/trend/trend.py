@@ -18,8 +18,7 @@ from startracker_ros.io.table import Result
 from startracker_ros.tools.report.template import chart, content_policy, resource, template
 from startracker_ros.tools.reprocess.compare import draw_extremes
 from startracker_ros.tools.reprocess.run import ERRORS
-from startracker_ros.tools.reprocess.runs import open_run, Run
-from startracker_ros.tools.reprocess.widths import GRID, width_px
+from startracker_ros.tools.reprocess.tables import GRID, open_run, Run, width_px
 from startracker_ros.tools.trend.series import all_series, distortion, Series
 from startracker_ros.tools.trend.steps import drift, find_steps, Step, StepSearch
 

@@ -32,7 +32,7 @@ from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 from startracker_ros.tools.reprocess.compare import compare
 from startracker_ros.tools.reprocess.parameters import parameter_sets, ParameterError
 from startracker_ros.tools.reprocess.plan import plan_bag, SegmentOptions
-from startracker_ros.tools.reprocess.runs import open_run
+from startracker_ros.tools.reprocess.tables import open_run
 from startracker_ros.tools.reprocess.tracklets import tracklets
 from startracker_ros.tools.reprocess.work import finished
 from startracker_ros.tools.trend.trend import hot_pixels, trend
