@@ -39,7 +39,8 @@ from startracker_ros.tools.datasheet.tally import Tally
 from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs, tracked_runs
 from startracker_ros.tools.figures.machine import machine, StealTime
 from startracker_ros.tools.parallel import Trials
-from startracker_ros.tools.report.template import chart, content_policy, resource, template
+from startracker_ros.tools.report.chart import page_chart
+from startracker_ros.tools.report.template import content_policy, resource, template
 
 RATES_DEG_S = (0.0, 0.3, 1.0, 2.0, 3.0)
 LIMIT_RATES_DEG_S = (4.0, 5.0, 7.5, 10.0)
@@ -228,13 +229,13 @@ def _pictures(sheet: SheetPage) -> Iterator[tuple[str, str]]:
     """Yield captions and pictures."""
     for axis in AXES:
         yield (f'Error of a single image {axis} over the rate, 1 sigma',
-               chart(partial(_draw_errors, sheet=sheet, axis=axis)))
+               page_chart(partial(_draw_errors, sheet=sheet, axis=axis)))
     yield (f'Stars to V {sheet.limit:.2f} in each of {len(sheet.fields.stars)} random fields over '
            'right ascension, which grows to the left from -180 deg at the right edge to 180 deg, '
            'and declination; crosses: not identified from one image',
-           chart(partial(_draw_sky, sheet=sheet)))
+           page_chart(partial(_draw_sky, sheet=sheet)))
     yield ('Sky with enough stars over the magnitude limit',
-           chart(partial(_draw_coverage, sheet=sheet)))
+           page_chart(partial(_draw_coverage, sheet=sheet)))
 
 
 def _draw_errors(figure: Any, sheet: SheetPage, axis: str) -> None:

@@ -16,17 +16,15 @@ from startracker_ros.core.astro.constants import EARTH_RADIUS_M
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
 from startracker_ros.core.astro.exclusion import STEP_S
 from startracker_ros.core.astro.orbit import CircularOrbit
-from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
     quaternion_from_rotation_vector, rotate)
-from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.sim.sky.motion import SteadyMotion
 from startracker_ros.tools.figures.correctness import count_wrong
 from startracker_ros.tools.figures.rows import Row
+from startracker_ros.tools.report.chart import draw_error, draw_errors, picture
 from startracker_ros.tools.report.heads import HeadsRecording
-from startracker_ros.tools.report.picture import draw_error
 
 # --- orbit and mounts ---
 
@@ -268,32 +266,24 @@ class HeadsHistory:
 
     def draw(self, path: Path, recording: Recording, heads: HeadsRecording) -> None:
         """Write a PNG: error of the fused attitude, heads in use, errors of the mounts."""
-        figure = new_figure(figsize=(PAGE_IN, 13))
-        figure.suptitle('three heads, one attitude: each blinded in turn by Moon, Sun and Earth')
-        grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
         stamps, error, sigma = recording.errors()
-        first: Any = None
-        for row, name in enumerate(('x, cross', 'y, cross', 'z, roll')):
-            axis = figure.add_subplot(grid[row], sharex=first)
-            first = first or axis
-            draw_error(axis, self._since_s(stamps), error[:, row], sigma[:, row],
-                       f'{name}\n[arcsec]', markersize=1.5)
-            limit = max(4.5 * np.median(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
-            axis.set_ylim(-limit, limit)
-        first.set_title('error of the fused attitude about the axes of the first head')
-        first.legend(loc='upper right', ncols=2)
-        self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
-        for row, label in enumerate('xyz'):
-            axis = figure.add_subplot(grid[4 + row], sharex=first)
-            for colour, (name, series) in zip(('tab:red', 'tab:green'), heads.mounts.items()):
-                time_s, three = self._since_s(series.stamp_ns), 3 * series.sigma_arcsec()[:, row]
-                axis.fill_between(time_s, -three, three, color=colour, alpha=0.12, linewidth=0)
-                axis.plot(time_s, series.error_arcsec()[:, row], color=colour, label=name)
-            axis.set_ylabel(f'mount, {label}\n[arcsec]')
-            axis.grid(alpha=0.3)
-        axis.legend(loc='upper right', ncols=2)
-        axis.set_xlabel('time [s]')
-        write_picture(path, figure, dpi=130)
+        title = 'three heads, one attitude: each blinded in turn by Moon, Sun and Earth'
+        with picture(path, 13, 130, title=title) as figure:
+            grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
+            first, *_ = draw_errors(
+                [grid[row] for row in range(3)], self._since_s(stamps), error, sigma,
+                ('x, cross', 'y, cross', 'z, roll'), 'arcsec',
+                'error of the fused attitude about the axes of the first head')
+            self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
+            for row, label in enumerate('xyz'):
+                axis = figure.add_subplot(grid[4 + row], sharex=first)
+                for colour, (name, series) in zip(('C1', 'C2'), heads.mounts.items()):
+                    draw_error(axis, self._since_s(series.stamp_ns),
+                               series.error_arcsec()[:, row], series.sigma_arcsec()[:, row],
+                               label=name, band='', style='-', colour=colour)
+                axis.set_ylabel(f'mount, {label}\n[arcsec]')
+            axis.legend(loc='upper right', ncols=2)
+            axis.set_xlabel('time [s]')
 
     def _draw_heads(self, axis: Any, heads: HeadsRecording) -> None:
         """Draw a bar for each head: its frames with attitude, in use by the fusion, the bodies."""

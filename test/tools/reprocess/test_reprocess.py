@@ -271,7 +271,7 @@ def test_runs_are_compared(finished_run, copied_run):
 
 def test_the_picture_of_a_comparison_shows_each_frame(finished_run, copied_run, monkeypatch):
     figures = []
-    monkeypatch.setattr('startracker_ros.tools.reprocess.compare.write_picture',
+    monkeypatch.setattr('startracker_ros.tools.report.chart.write_picture',
                         lambda path, figure, **options: figures.append(figure))
     compare(finished_run[0], copied_run, Path('difference.png'))
     axes, = figures[0].axes
