@@ -28,8 +28,7 @@ from startracker_ros.tools.datasheet.calibrated import (
 from startracker_ros.tools.datasheet.estimates import AXES
 from startracker_ros.tools.datasheet.image_runs import DISTURBANCES, disturbed_runs
 from startracker_ros.tools.datasheet.instrument import (
-    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
-from startracker_ros.tools.datasheet.motions import Pointings
+    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, Pointings, START_NS)
 from startracker_ros.tools.datasheet.rows import (
     lines_of, number, PUBLISHED, rates_of, SheetRow, SplitErrors)
 from startracker_ros.tools.datasheet.single_images import image_errors, SHIFTS

@@ -22,7 +22,9 @@ from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs
 from startracker_ros.tools.figures.correctness import WRONG_SHARE
 from startracker_ros.tools.figures.rows import goal_text, mean_chi_square_bounds
 
+
 # --- published figures of manufacturers ---
+
 
 @dataclass(frozen=True)
 class PublishedUnit:

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 from startracker_ros.ros.processes import node_environment
-from startracker_ros.tools.doctor.check import Check
+from startracker_ros.tools.doctor.install import Check
 
 _RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
 # Ports of higher domains are those that Linux gives to others.

@@ -17,7 +17,9 @@ from scipy import stats
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.tools.night.intervals import CONFIDENCE, Interval, normal, root, UNKNOWN
 
+
 # --- the stars of all frames, and the turns that explain their residuals ---
+
 
 class Stars(NamedTuple):
     """

@@ -96,6 +96,7 @@ def _with_both_colours(svg: str) -> str:
 
 # --- kinds of charts ---
 
+
 def draw_error(axes: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarray, *,
                label: str = 'error', band: str = '3 sigma', style: str = '.',
                colour: str = 'C0') -> None:

@@ -310,6 +310,7 @@ def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: 
 
 # --- a run on disk: its trackers and tables ---
 
+
 @dataclass(frozen=True)
 class Run:
     """The folder of one run of reprocess, and its star trackers."""

@@ -18,8 +18,7 @@ from startracker_ros.tools.datasheet import datasheet, design
 from startracker_ros.tools.datasheet.calibrated import field_errors
 from startracker_ros.tools.datasheet.design_options import DesignOptions
 from startracker_ros.tools.datasheet.instrument import (
-    DETECTOR, Instrument, load_optics, OpticsError)
-from startracker_ros.tools.datasheet.motions import Pointings, RUN_S, Spins
+    DETECTOR, Instrument, load_optics, OpticsError, Pointings, RUN_S, Spins)
 from startracker_ros.tools.datasheet.rows import (
     consistency_rows, lines_of, rates_of, records, SheetRow)
 from startracker_ros.tools.datasheet.single_images import image_errors
