@@ -39,7 +39,7 @@ from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs, tracked_
 from startracker_ros.tools.figures.machine import machine, StealTime
 from startracker_ros.tools.parallel import Trials
 from startracker_ros.tools.report.chart import page_chart
-from startracker_ros.tools.report.template import content_policy, resource, template
+from startracker_ros.tools.report.template import render_page
 
 RATES_DEG_S = (0.0, 0.3, 1.0, 2.0, 3.0)
 LIMIT_RATES_DEG_S = (4.0, 5.0, 7.5, 10.0)
@@ -48,7 +48,6 @@ ACCELERATIONS_DEG_S2 = (0.5, 1.0, 2.0, 5.0)
 LIMIT_CASES = (*(RunCase(rate, frames=20) for rate in LIMIT_RATES_DEG_S),
                *(RunCase(0.0, each, 20) for each in ACCELERATIONS_DEG_S2))
 
-_PACKAGE = 'startracker_ros.tools.datasheet'
 _LEAST_STARS = (4, 6, 10)
 
 
@@ -205,8 +204,6 @@ class SheetPage:
 
 def write_page(output: Path, sheet: SheetPage) -> None:
     """Write the page; OSError, or MissingLibraryError without Jinja2 or matplotlib."""
-    style = resource('startracker_ros.tools.report', 'page.css')
-    page = template(_PACKAGE, 'page.html.j2', number=number)
     lens, sections = sheet.instrument.lens, []
     for name, group in groupby(lines_of(sheet.rows), key=lambda line: line.section):
         # Those at several rates, then those without one: no empty columns.
@@ -214,14 +211,14 @@ def write_page(output: Path, sheet: SheetPage) -> None:
         tables = ([line for line in lines if None not in line.rows],
                   [line for line in lines if None in line.rows])
         sections.append((name, [(rates_of(chosen), chosen) for chosen in tables if chosen]))
-    text = page.render(
+    write_output(output, render_page(
+        'startracker_ros.tools.datasheet', {'number': number},
         title=f'Data sheet: {np.degrees(lens.fov_x_rad):.3g} deg, {lens.width} x {lens.height} px',
-        style=style, policy=content_policy(style), conditions=sheet.conditions,
+        conditions=sheet.conditions,
         published_rows=[(unit.unit, unit.sigma, *map(number, (
             unit.cross_arcsec, unit.about_arcsec, unit.rate_deg_s, unit.update_hz,
             unit.acquisition_s)), unit.source) for unit in PUBLISHED],
-        pictures=[*_pictures(sheet)], sections=sections)
-    write_output(output, text)
+        pictures=[*_pictures(sheet)], sections=sections))
 
 
 def _pictures(sheet: SheetPage) -> Iterator[tuple[str, str]]:

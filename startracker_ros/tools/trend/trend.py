@@ -16,7 +16,7 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.report.chart import draw_series, page_chart
-from startracker_ros.tools.report.template import content_policy, resource, template
+from startracker_ros.tools.report.template import render_page
 from startracker_ros.tools.reprocess.run import ERRORS
 from startracker_ros.tools.reprocess.tables import GRID, open_run, Run, width_px
 from startracker_ros.tools.trend.series import all_series, distortion, Series
@@ -247,7 +247,6 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
                stars: Sequence[StarRow], pixels: Sequence[PixelRow],
                maps: Sequence[WidthMap], notes: Sequence[str] = ()) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
-    style = resource('startracker_ros.tools.report', 'page.css')
     shown = [(series, search) for series, search in found if len(series.stamp_ns) >= _LEAST_BINS]
     pictures = [(f'{series.name} [{series.unit}]', page_chart(
         partial(_draw, series=series, steps=search.steps)))
@@ -256,8 +255,8 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
         pictures.append(('width of star images over the image [px, 1 sigma]',
                          page_chart(partial(_draw_maps, maps=maps))))
     stamps = np.concatenate([series.stamp_ns for series, _ in found] or [np.empty(0)])
-    return template('startracker_ros.tools.trend', 'page.html.j2').render(
-        title=f'Trend of {name}', style=style, policy=content_policy(style),
+    return render_page(
+        'startracker_ros.tools.trend', title=f'Trend of {name}',
         span=f'{utc(int(stamps.min()))} to {utc(int(stamps.max()))} UTC.' if len(stamps) else '',
         rows=_table(rows), stars=_table(stars[:_MOST_ROWS]), pixels=_table(pixels[:_MOST_ROWS]),
         pictures=pictures, missing=[*notes, *_too_little(found)])
