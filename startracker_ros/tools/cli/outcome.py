@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How a command ends: its exit status, and what it says of an error.
+How a command ends: its exit status, what it says of an error, of a file that is not there.
 
 0: done. 1: the work failed; one line on stderr. 2: wrong use; usage and one line. 130: ended by
 Ctrl-C. 141: nobody reads its output any more. With --json an error is a document as well.
@@ -194,7 +194,7 @@ def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[
         raise FailedError(_text(error, output)) from error
 
 
-# --- files that commands read: one that is not there is named before anything is loaded ---
+# --- files that commands read: one that is not there is an error before anything is loaded ---
 
 FOV_DEG = click.FloatRange(0, 360, min_open=True)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The instrument of a data sheet: the lens, what the tracker knows of it, and the detector."""
+"""The instrument of a data sheet: lens, what the tracker knows of it, detector; its motions."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A page with the newest annotated image and the state, for the browser of a laptop or phone."""
+"""A page with the newest annotated image and the state in words, for the browser of a phone."""
 
 from collections.abc import Mapping
 from contextlib import suppress

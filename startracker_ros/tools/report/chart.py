@@ -5,7 +5,7 @@
 Charts of all pages and pictures, with one look: the colours of page.css, small legends, a grid.
 
 On a page a chart is SVG that follows the reader's choice of light or dark; a picture is a PNG file
-in the light colours. What the figures over time of the report are drawn by is page.js.
+in the light colours. The browser draws the figures of the report by page.js, in the same colours.
 """
 
 import base64
