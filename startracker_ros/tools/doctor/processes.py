@@ -3,6 +3,7 @@
 
 """Processes of the doctor: `listen SECONDS NAMESPACE` to a camera, `send` and `receive TOPIC`."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 import json
 import sys
@@ -116,4 +117,6 @@ def receive(topic: str) -> None:
 
 
 if __name__ == '__main__':
-    {'listen': listen, 'send': send, 'receive': receive}[sys.argv[1]](*sys.argv[2:])
+    commands: dict[str, Callable[..., None]] = {
+        'listen': listen, 'send': send, 'receive': receive}
+    commands[sys.argv[1]](*sys.argv[2:])

@@ -25,8 +25,8 @@ from startracker_ros.tools.night.intervals import (
     block_mean, block_trend, bootstrapped, chi_square_mean, CONFIDENCE, Interval, root, share,
     successive_sigma, UNKNOWN)
 from startracker_ros.tools.night.patterns import (
-    field_columns, field_degree, fit_pattern, frame_normals, Pattern, phase_columns,
-    PHASE_COLUMNS, single_coefficient, Stars, turns_of, without_turns)
+    field_columns, field_degree, fit_pattern, frame_normals, Pattern, PHASE_COLUMNS,
+    phase_columns, single_coefficient, Stars, turns_of, without_turns)
 from startracker_ros.tools.night.sources import camera_of_bag, NightError, timed_images, TimedImage
 
 # --- the rows, in the terms of ECSS-E-ST-60-20C Rev. 2 ---

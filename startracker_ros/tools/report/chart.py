@@ -49,7 +49,7 @@ def _figure(**options: Any) -> Iterator[Any]:
             'grid.color': light['rule'], 'legend.facecolor': light['card'],
             'legend.edgecolor': light['rule'], 'legend.fontsize': 9,
             'axes.formatter.useoffset': False,
-            'axes.prop_cycle': matplotlib.cycler(color=[light[f'c{k}'] for k in range(5)])}):
+            'axes.prop_cycle': f'cycler("color", {[light[f"c{k}"] for k in range(5)]})'}):
         yield figure
 
 

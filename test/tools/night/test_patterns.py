@@ -10,7 +10,7 @@ from scipy import stats
 from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.tools.night.intervals import CONFIDENCE
 from startracker_ros.tools.night.patterns import (
-    field_columns, field_degree, fit_pattern, phase_columns, PHASE_COLUMNS, single_coefficient,
+    field_columns, field_degree, fit_pattern, PHASE_COLUMNS, phase_columns, single_coefficient,
     Stars, turns_of, without_turns)
 
 FRAMES, STARS = 30, 60
