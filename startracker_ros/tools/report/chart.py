@@ -137,9 +137,9 @@ def draw_errors(places: Sequence[Any], time_s: np.ndarray, error: np.ndarray, si
 def draw_series(axes: Any, stamps_ns: np.ndarray, values: np.ndarray, names: Sequence[str],
                 unit: str) -> None:
     """
-    Draw columns of values (N, K) over the date, as small as they have to be.
+    Draw columns of values (N, K) over UTC, on axes of matplotlib.
 
-    Of each interval the middle is drawn, and a band from the least to the greatest.
+    A long series is cut into intervals: a point is the middle of one, a band its extremes.
     """
     # Imported only here: the extra is not needed without a chart.
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
