@@ -24,7 +24,7 @@ import subprocess
 from typing import Any
 
 from startracker_evaluation.campaign.papers import RESULTS, write_page
-from startracker_ros.tools.figures.result_table import result_lines
+from startracker_evaluation.result_table import result_lines
 
 _TABLE = re.compile(r'(<!-- result (?P<name>[\w-]+)(?:: (?P<columns>[^:\n]*))?'
                     r'(?:: (?P<rows>.*))? -->)(?s:.*?)(<!-- end of result -->)')

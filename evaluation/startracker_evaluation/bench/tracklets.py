@@ -17,7 +17,7 @@ from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.tools.reprocess.plan import SegmentOptions
 from startracker_ros.tools.reprocess.tables import read_table
-from startracker_ros.tools.reprocess.tracklet_joining import tracklet_rows
+from startracker_ros.tools.reprocess.tracklets import tracklet_rows
 
 FOUND, FALSE_PER_1000 = 0.95, 1.0
 LEAST_SEEN = 8

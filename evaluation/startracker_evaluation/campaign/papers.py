@@ -16,9 +16,9 @@ import re
 from typing import Any
 
 from startracker_evaluation.campaign.paper_claims import Claim, Paper, PAPERS
+from startracker_evaluation.result_table import escaped, result_lines
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import origin
-from startracker_ros.tools.figures.result_table import escaped, result_lines
 
 CAMPAIGNS = tuple(name for paper in PAPERS for name in paper.campaigns)
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import click
 from startracker_evaluation.cli.measurement import HARNESS, measurement, only_option
-from startracker_ros.tools.cli.inputs import InputPath
-from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, InputPath, usage_error_on
 from startracker_ros.tools.cli.shared import (
     check_names, finish_measured as finish, json_option, scheduler_option, seed_option,
     trials_option)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import click
 from startracker_evaluation.cli.measurement import HARNESS, measurement, only_option
-from startracker_ros.tools.cli.inputs import InputPath
-from startracker_ros.tools.cli.outcome import Commands, exit_1_on
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, InputPath
 from startracker_ros.tools.cli.shared import (
     check_names, check_pictures, finish_measured as finish, json_option, picture_option,
     scheduler_option, seed_option, trials_option)

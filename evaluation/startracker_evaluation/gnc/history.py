@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from startracker_evaluation.gnc.loop import Step
 from startracker_evaluation.gnc.plan import Phase, Plan
-from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.io.output import write_picture
 from startracker_ros.tools.figures.rows import Row
+from startracker_ros.tools.report.chart import picture
 
 SETTLED_ARCSEC = 10.0
 """Settled: both errors across the boresight stay smaller from then on, for SETTLED_S at least."""
@@ -115,38 +114,35 @@ def rows_of(history: History) -> list[Row]:
 
 def draw(path: Path, history: History, title: str) -> None:
     """Write a PNG: pointing and knowledge, rate, motor torques, tracker and hold over time."""
-    figure = new_figure(figsize=(PAGE_IN, 11))
-    figure.suptitle(title)
-    pointing, rate, torque, hold = axes = figure.subplots(4, 1, sharex=True)
-    time_s = history.time_s
-    for index, name in enumerate('xyz'):
-        pointing.semilogy(time_s, np.abs(history.pointing_arcsec[:, index]),
-                          label=f'sensor {name}', linewidth=0.8)
-    knowledge = np.hypot(history.knowledge_arcsec[:, 0], history.knowledge_arcsec[:, 1])
-    pointing.semilogy(time_s, knowledge, color='black', linewidth=0.5, alpha=0.6,
-                      label='error of the estimated boresight')
-    pointing.set(ylabel='pointing error [arcsec]', ylim=(1e-2, None))
-    rate.semilogy(time_s, history.rate_deg_s, linewidth=0.8)
-    rate.set_ylabel('true rate [deg/s]')
-    for wheel in range(history.torque_n_m.shape[1]):
-        torque.plot(time_s, 1e3 * history.torque_n_m[:, wheel], linewidth=0.8,
-                    label=f'motor {wheel + 1}')
-    torque.set_ylabel('torque [mN m]')
-    hold.plot(time_s, history.hold_s, color='black', label='hold by propagation')
-    hold.set(ylabel='hold [s]', xlabel='time [s]')
-    _mark_states(hold, history)
-    # Above the curves, phases that begin soon after one another on different lines.
-    for row, (phase, begin_s) in enumerate(history.plan.begins_s.items()):
-        pointing.annotate(f' {phase}', (begin_s, 1), (0, 4 + 14 * (row % 3)),
-                          xycoords=pointing.get_xaxis_transform(), textcoords='offset points')
-    pointing.legend(loc='upper center', bbox_to_anchor=(0.5, 0), ncols=4, frameon=False)
-    for axis in (torque, hold):
-        axis.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=4, frameon=False)
-    for axis in axes:
-        axis.grid(alpha=0.3)
-        for begin_s in history.plan.begins_s.values():
-            axis.axvline(begin_s, color='grey', linewidth=0.8, linestyle=':')
-    write_picture(path, figure, dpi=130)
+    with picture(path, 11, 130, title=title) as figure:
+        pointing, rate, torque, hold = axes = figure.subplots(4, 1, sharex=True)
+        time_s = history.time_s
+        for index, name in enumerate('xyz'):
+            pointing.semilogy(time_s, np.abs(history.pointing_arcsec[:, index]),
+                              label=f'sensor {name}', linewidth=0.8)
+        knowledge = np.hypot(history.knowledge_arcsec[:, 0], history.knowledge_arcsec[:, 1])
+        pointing.semilogy(time_s, knowledge, color='black', linewidth=0.5, alpha=0.6,
+                          label='error of the estimated boresight')
+        pointing.set(ylabel='pointing error [arcsec]', ylim=(1e-2, None))
+        rate.semilogy(time_s, history.rate_deg_s, linewidth=0.8)
+        rate.set_ylabel('true rate [deg/s]')
+        for wheel in range(history.torque_n_m.shape[1]):
+            torque.plot(time_s, 1e3 * history.torque_n_m[:, wheel], linewidth=0.8,
+                        label=f'motor {wheel + 1}')
+        torque.set_ylabel('torque [mN m]')
+        hold.plot(time_s, history.hold_s, color='black', label='hold by propagation')
+        hold.set(ylabel='hold [s]', xlabel='time [s]')
+        _mark_states(hold, history)
+        # Above the curves, phases that begin soon after one another on different lines.
+        for row, (phase, begin_s) in enumerate(history.plan.begins_s.items()):
+            pointing.annotate(f' {phase}', (begin_s, 1), (0, 4 + 14 * (row % 3)),
+                              xycoords=pointing.get_xaxis_transform(), textcoords='offset points')
+        pointing.legend(loc='upper center', bbox_to_anchor=(0.5, 0), ncols=4, frameon=False)
+        for axis in (torque, hold):
+            axis.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=4, frameon=False)
+        for axis in axes:
+            for begin_s in history.plan.begins_s.values():
+                axis.axvline(begin_s, color='grey', linewidth=0.8, linestyle=':')
 
 
 def _mark_states(axis: Any, history: History) -> None:

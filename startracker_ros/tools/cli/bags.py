@@ -8,8 +8,8 @@ import sys
 from typing import TYPE_CHECKING
 
 import click
-from startracker_ros.tools.cli.inputs import InputPath
-from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, FailedError, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    exit_1_on, FAILED, FailedError, InputPath, usage_error_on)
 from startracker_ros.tools.cli.shared import (
     become_node, json_option, namespace_option, output_option, print_result)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import sys
 
 import click
-from startracker_ros.tools.cli.inputs import InputName, InputPath
-from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    exit_1_on, FAILED, InputName, InputPath, usage_error_on)
 from startracker_ros.tools.cli.shared import (
     json_option, output_option, print_result, scheduler_option, seed_option)
 

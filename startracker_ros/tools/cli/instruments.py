@@ -11,8 +11,7 @@ from typing import Any
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.output import check_output
-from startracker_ros.tools.cli.inputs import InputPath
-from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, InputPath, usage_error_on
 from startracker_ros.tools.cli.shared import (
     finish_measured as finish, json_option, output_option, scheduler_option, seed_option,
     trials_option)
@@ -35,10 +34,10 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
     from startracker_ros.core.calibration.adjustment import CalibrationError
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.io.images.camera_files import load_camera
-    from startracker_ros.tools.datasheet.by_rate import records
     from startracker_ros.tools.datasheet.datasheet import FULL, QUICK, run_datasheet
     from startracker_ros.tools.datasheet.instrument import (
         DEFAULT_CAMERA, DETECTOR, load_optics, OpticsError)
+    from startracker_ros.tools.datasheet.rows import records
     with usage_error_on(CameraError, OpticsError):
         lens = DEFAULT_CAMERA if camera_file is None else load_camera(camera_file)
         detector = DETECTOR if optics_file is None else load_optics(optics_file)
@@ -71,8 +70,7 @@ def _design_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any) -> None:
     """Field, stars, best exposure and accuracy that a sensor and a lens would have."""
     from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.tools.datasheet.design import DesignError
-    from startracker_ros.tools.datasheet.design_table import run_design
+    from startracker_ros.tools.datasheet.design import DesignError, run_design
     with usage_error_on(ValueError):
         options = DesignOptions(**values)
     with usage_error_on(CameraError, DesignError):

@@ -10,8 +10,8 @@ from typing import Any, TYPE_CHECKING
 import click
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
-from startracker_ros.tools.cli.inputs import FOV_DEG, InputName, InputPath
-from startracker_ros.tools.cli.outcome import Commands, exit_1_on, NeedsArguments, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    Commands, exit_1_on, FOV_DEG, InputName, InputPath, NeedsArguments, usage_error_on)
 from startracker_ros.tools.cli.shared import (
     become_node, finish, finish_measured, json_option, output_option, print_result, seed_option)
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How a command ends: its exit status, and what it says of an error.
+How a command ends: its exit status, what it says of an error, of a file that is not there.
 
 0: done. 1: the work failed; one line on stderr. 2: wrong use; usage and one line. 130: ended by
 Ctrl-C. 141: nobody reads its output any more. With --json an error is a document as well.
@@ -10,6 +10,8 @@ Ctrl-C. 141: nobody reads its output any more. With --json an error is a documen
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+import errno
+import glob
 from importlib.metadata import entry_points, EntryPoints
 import json
 import os
@@ -190,3 +192,41 @@ def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[
         raise
     except errors + (OSError,) as error:
         raise FailedError(_text(error, output)) from error
+
+
+# --- files that commands read: one that is not there is an error before anything is loaded ---
+
+FOV_DEG = click.FloatRange(0, 360, min_open=True)
+
+
+class InputPath(click.Path):
+    """The path of a file or folder to read: status 1 where it is not there."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(path_type=Path, **options)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        _require(str(value))
+        return super().convert(value, param, ctx)
+
+
+class InputName(click.ParamType):
+    """What may also be a pattern, a URL or a device: status 1 for a path that is not there."""
+
+    name = 'path'
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if not (glob.has_magic(value) or '://' in value or value.startswith('/dev/')):
+            _require(value)
+        return value
+
+
+def require_some(names: Sequence[Path]) -> None:
+    """Fail where none of the files, folders and patterns is there: the others are results."""
+    if not any(name.exists() or glob.glob(str(name), recursive=True) for name in names):
+        _require(str(names[0]))
+
+
+def _require(path: str) -> None:
+    if not os.path.exists(path):
+        raise FailedError(f'{path}: {os.strerror(errno.ENOENT)}')

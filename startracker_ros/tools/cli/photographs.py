@@ -14,8 +14,8 @@ from startracker_ros.core.astro.constants import MAX_SPEED_M_S
 from startracker_ros.io.output import check_output
 from startracker_ros.photographs.searched_fields import (
     HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
-from startracker_ros.tools.cli.inputs import FOV_DEG, InputPath, require_some
-from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    exit_1_on, FOV_DEG, InputPath, NeedsArguments, require_some, usage_error_on)
 from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@
 from pathlib import Path
 
 import click
-from startracker_ros.tools.cli.inputs import InputPath
-from startracker_ros.tools.cli.outcome import Commands, exit_1_on, FailedError
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, FailedError, InputPath
 from startracker_ros.tools.cli.shared import finish, json_option
 
 _apid_option = click.option('--apid', type=click.IntRange(0, 2046), default=100,

@@ -25,8 +25,8 @@ from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.datasheet.bounds import limiting_magnitude, motion_px, star_image
-from startracker_ros.tools.datasheet.instrument import EPOCH_YEAR, Instrument, ORBIT, START_NS
-from startracker_ros.tools.datasheet.motions import Pointings
+from startracker_ros.tools.datasheet.instrument import (
+    EPOCH_YEAR, Instrument, ORBIT, Pointings, START_NS)
 
 IMAGES = 20
 

@@ -22,17 +22,15 @@ from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.datasheet import rows
-from startracker_ros.tools.datasheet.availability import DISTURBANCES, disturbed_runs
 from startracker_ros.tools.datasheet.bounds import limiting_magnitude, star_image
-from startracker_ros.tools.datasheet.by_rate import lines_of, number, rates_of
 from startracker_ros.tools.datasheet.calibrated import (
     calibrated_instrument, calibration_errors, field_errors, IMAGES)
 from startracker_ros.tools.datasheet.estimates import AXES
+from startracker_ros.tools.datasheet.image_runs import DISTURBANCES, disturbed_runs
 from startracker_ros.tools.datasheet.instrument import (
-    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
-from startracker_ros.tools.datasheet.motions import Pointings
-from startracker_ros.tools.datasheet.published import PUBLISHED
-from startracker_ros.tools.datasheet.rows import SheetRow, SplitErrors
+    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, Pointings, START_NS)
+from startracker_ros.tools.datasheet.rows import (
+    lines_of, number, PUBLISHED, rates_of, SheetRow, SplitErrors)
 from startracker_ros.tools.datasheet.single_images import image_errors, SHIFTS
 from startracker_ros.tools.datasheet.sky_coverage import (
     field_magnitudes, identified_fields, SkyFields, star_counts)
@@ -40,7 +38,8 @@ from startracker_ros.tools.datasheet.tally import Tally
 from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs, tracked_runs
 from startracker_ros.tools.figures.machine import machine, StealTime
 from startracker_ros.tools.parallel import Trials
-from startracker_ros.tools.report.template import chart, content_policy, resource, template
+from startracker_ros.tools.report.chart import page_chart
+from startracker_ros.tools.report.template import render_page
 
 RATES_DEG_S = (0.0, 0.3, 1.0, 2.0, 3.0)
 LIMIT_RATES_DEG_S = (4.0, 5.0, 7.5, 10.0)
@@ -49,7 +48,6 @@ ACCELERATIONS_DEG_S2 = (0.5, 1.0, 2.0, 5.0)
 LIMIT_CASES = (*(RunCase(rate, frames=20) for rate in LIMIT_RATES_DEG_S),
                *(RunCase(0.0, each, 20) for each in ACCELERATIONS_DEG_S2))
 
-_PACKAGE = 'startracker_ros.tools.datasheet'
 _LEAST_STARS = (4, 6, 10)
 
 
@@ -206,8 +204,6 @@ class SheetPage:
 
 def write_page(output: Path, sheet: SheetPage) -> None:
     """Write the page; OSError, or MissingLibraryError without Jinja2 or matplotlib."""
-    style = resource('startracker_ros.tools.report', 'page.css')
-    page = template(_PACKAGE, 'page.html.j2', number=number)
     lens, sections = sheet.instrument.lens, []
     for name, group in groupby(lines_of(sheet.rows), key=lambda line: line.section):
         # Those at several rates, then those without one: no empty columns.
@@ -215,27 +211,27 @@ def write_page(output: Path, sheet: SheetPage) -> None:
         tables = ([line for line in lines if None not in line.rows],
                   [line for line in lines if None in line.rows])
         sections.append((name, [(rates_of(chosen), chosen) for chosen in tables if chosen]))
-    text = page.render(
+    write_output(output, render_page(
+        'startracker_ros.tools.datasheet', {'number': number},
         title=f'Data sheet: {np.degrees(lens.fov_x_rad):.3g} deg, {lens.width} x {lens.height} px',
-        style=style, policy=content_policy(style), conditions=sheet.conditions,
+        conditions=sheet.conditions,
         published_rows=[(unit.unit, unit.sigma, *map(number, (
             unit.cross_arcsec, unit.about_arcsec, unit.rate_deg_s, unit.update_hz,
             unit.acquisition_s)), unit.source) for unit in PUBLISHED],
-        pictures=[*_pictures(sheet)], sections=sections)
-    write_output(output, text)
+        pictures=[*_pictures(sheet)], sections=sections))
 
 
 def _pictures(sheet: SheetPage) -> Iterator[tuple[str, str]]:
     """Yield captions and pictures."""
     for axis in AXES:
         yield (f'Error of a single image {axis} over the rate, 1 sigma',
-               chart(partial(_draw_errors, sheet=sheet, axis=axis)))
+               page_chart(partial(_draw_errors, sheet=sheet, axis=axis)))
     yield (f'Stars to V {sheet.limit:.2f} in each of {len(sheet.fields.stars)} random fields over '
            'right ascension, which grows to the left from -180 deg at the right edge to 180 deg, '
            'and declination; crosses: not identified from one image',
-           chart(partial(_draw_sky, sheet=sheet)))
+           page_chart(partial(_draw_sky, sheet=sheet)))
     yield ('Sky with enough stars over the magnitude limit',
-           chart(partial(_draw_coverage, sheet=sheet)))
+           page_chart(partial(_draw_coverage, sheet=sheet)))
 
 
 def _draw_errors(figure: Any, sheet: SheetPage, axis: str) -> None:

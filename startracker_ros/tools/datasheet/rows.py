@@ -4,23 +4,69 @@
 """The rows of a data sheet, out of what was simulated."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+import math
+import re
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.tools.datasheet import estimates
-from startracker_ros.tools.datasheet.availability import DISTURBANCES
 from startracker_ros.tools.datasheet.estimates import AXES, bootstrapped, Estimate, rms
-from startracker_ros.tools.datasheet.published import (
-    AURIGA_3_SIGMA_ARCSEC, AURIGA_ACQUISITION_DEG_S, AURIGA_ACQUISITION_S, AURIGA_TRACKING_DEG_S)
+from startracker_ros.tools.datasheet.image_runs import DISTURBANCES
 from startracker_ros.tools.datasheet.single_images import ImageErrors
 from startracker_ros.tools.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.tools.datasheet.tally import Tally
 from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs
 from startracker_ros.tools.figures.correctness import WRONG_SHARE
 from startracker_ros.tools.figures.rows import goal_text, mean_chi_square_bounds
+
+
+# --- published figures of manufacturers ---
+
+
+@dataclass(frozen=True)
+class PublishedUnit:
+    """Errors in arcsec across and about the boresight at so many sigma, limits, source."""
+
+    unit: str
+    sigma: str
+    cross_arcsec: float
+    about_arcsec: float
+    rate_deg_s: float | None
+    update_hz: float | None
+    acquisition_s: float | None
+    source: str
+
+
+_AURIGA = 'Sodern, Auriga brochure, p. 5, end of life, worst case'
+
+PUBLISHED = (
+    PublishedUnit('Sodern Auriga, field-of-view error', '3', 9.0, 51.0, 3.0, None, 3.8, _AURIGA),
+    PublishedUnit('Sodern Auriga, pixel error', '3', 6.6, 38.0, 3.0, None, 3.8, _AURIGA),
+    PublishedUnit('Sodern Auriga, temporal noise', '3', 11.0, 70.0, 3.0, None, 3.8, _AURIGA),
+    PublishedUnit('Rocket Lab ST-16RT2', 'not stated', 5.0, 55.0, 3.0, None, None,
+                  'Rocket Lab (Sinclair Interplanetary), ST-16RT2 data sheet'),
+    PublishedUnit('arcsec Sagitta', '1', 2.0, 10.0, None, 10.0, None,
+                  'arcsec, Sagitta Star Tracker Datasheet v2'),
+    PublishedUnit('arcsec Twinkle', 'not stated', 15.0, 90.0, None, None, None,
+                  'arcsec, Twinkle data sheet'),
+    PublishedUnit('Blue Canyon NST', 'not stated', 6.0, 40.0, None, None, None,
+                  'Blue Canyon Technologies, Nano Star Tracker data sheet'),
+    PublishedUnit('Terma HE-5AS', 'not stated', 3.2, 16.0, None, None, None,
+                  'Terma, HE-5AS data sheet'),
+)
+
+AURIGA_3_SIGMA_ARCSEC = {
+    'field-of-view spatial error': (9.0, 51.0), 'pixel spatial error': (6.6, 38.0),
+    'temporal noise': (11.0, 70.0)}
+"""The rows of Auriga that a simulation has too: across and about the boresight."""
+
+AURIGA_ACQUISITION_S, AURIGA_ACQUISITION_DEG_S, AURIGA_TRACKING_DEG_S = 3.8, 2.0, 3.0
+
+
+# --- rows ---
 
 IMAGES, TRACKER = 'images, one by one', 'images through the tracker'
 CALIBRATIONS = 'calibrations and images'
@@ -231,3 +277,65 @@ def speed_rows(times_ms: np.ndarray) -> Iterator[SheetRow]:
     yield SheetRow(section, 'image to attitude, 95 % of frames',
                    float(np.percentile(times_ms, 95)), 'ms', method=THIS_MACHINE)
     yield SheetRow(section, 'update rate of one core', 1e3 / median_ms, 'Hz', method=THIS_MACHINE)
+
+
+# --- rows as people read them: a figure in a line, the rates in columns ---
+
+_RATE = re.compile(r', ([\d.]+) deg/s')
+
+
+@dataclass(frozen=True)
+class SheetLine:
+    """A figure: a row at each rate in deg/s, or one row at None where it has no rate."""
+
+    section: str
+    case: str
+    unit: str
+    rows: dict[float | None, SheetRow] = field(default_factory=dict)
+
+    @property
+    def first(self) -> SheetRow:
+        """Return the row of the lowest rate, whose method and published figure are of all."""
+        return next(iter(self.rows.values()))
+
+
+def lines_of(table: Sequence[SheetRow]) -> list[SheetLine]:
+    """Return the lines of a table, in the order of their first rows."""
+    lines: dict[tuple[str, str, str], SheetLine] = {}
+    for row in table:
+        found = _RATE.search(row.case)
+        line = SheetLine(row.section, _RATE.sub('', row.case), row.unit)
+        lines.setdefault((line.section, line.case, line.unit), line).rows[
+            float(found[1]) if found else None] = row
+    return list(lines.values())
+
+
+def rates_of(lines: Sequence[SheetLine]) -> list[float | None]:
+    """Return the rates of some lines, None first."""
+    return sorted({rate for line in lines for rate in line.rows},
+                  key=lambda rate: -1.0 if rate is None else rate)
+
+
+def records(table: Sequence[SheetRow]) -> list[dict[str, object]]:
+    """Return the rows for a terminal: at rest or without a rate, then at the other rates."""
+    lines = lines_of(table)
+    rates = [rate for rate in rates_of(lines) if rate]
+    return [{'figure': line.case, 'unit': line.unit,
+             'at rest': _cell(line.rows.get(0.0, line.rows.get(None))),
+             **{f'{rate:g} deg/s': _cell(line.rows.get(rate)) for rate in rates}}
+            for line in lines]
+
+
+def _cell(row: SheetRow | None) -> str:
+    """Return the figure of a row, with its goal where that is missed."""
+    missed = row is not None and row.goal.endswith('missed')
+    return f'{number(row)} ({row.goal})' if row and missed else number(row)
+
+
+def number(value: SheetRow | float | None) -> str:
+    """Return a figure of three digits, or that of a row; a dash where there is none."""
+    if isinstance(value, SheetRow):
+        value = value.ours
+    if value is None or not math.isfinite(value):
+        return '-'
+    return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'

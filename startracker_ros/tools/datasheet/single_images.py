@@ -26,8 +26,8 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.sim.sky.simulator import Frame, SkySimulator
 from startracker_ros.tools.datasheet.bounds import attitude_bound, motion_px
-from startracker_ros.tools.datasheet.instrument import EPOCH_YEAR, Instrument, START_NS
-from startracker_ros.tools.datasheet.motions import across_boresight, Pointings
+from startracker_ros.tools.datasheet.instrument import (
+    across_boresight, EPOCH_YEAR, Instrument, Pointings, START_NS)
 
 SHIFTS = 4
 """Images of each field; the first is also searched and identified."""

@@ -12,8 +12,7 @@ from startracker_ros.core.maths.rotation import attitude_error, random_attitude
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.datasheet.instrument import (
-    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
-from startracker_ros.tools.datasheet.motions import across_boresight, RUN_S, Spins
+    across_boresight, EPOCH_YEAR, FRAME_RATE_HZ, Instrument, RUN_S, Spins, START_NS)
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of, WrongCount
 
 SETTLED_FRAMES = 10

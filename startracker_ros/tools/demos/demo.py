@@ -126,7 +126,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
 def _draw(path: Path, bag: Path, recording: 'Recording') -> None:
     """Draw the last frame that has an image and an attitude, and all errors."""
     from startracker_ros.ros.messages.clouds import tracks_from_message
-    from startracker_ros.tools.report.picture import draw_run
+    from startracker_ros.tools.report.summary import draw_run
     last_ns = int(np.intersect1d(recording.image_ns, recording.attitude_ns)[-1])
     frame = {record.topic: message for record, stamp_ns, message in read_stamped(
         bag, ('/image_raw', '/tracks'), last_ns - 10 ** 9) if stamp_ns == last_ns}

@@ -29,8 +29,8 @@ from startracker_ros.ros.messages.header import make_header, stamp_from_ns
 from startracker_ros.ros.messages.odometry import motion_to_odometry
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
-from startracker_ros.tools.demos.heads_history import Forecast, HeadsHistory
-from startracker_ros.tools.demos.heads_orbit import body_motion, MOUNTS, START_NS, TURN_S
+from startracker_ros.tools.demos.heads_history import (
+    body_motion, Forecast, HeadsHistory, MOUNTS, START_NS, TURN_S)
 from startracker_ros.tools.demos.live_demo import draw_if_possible, LockStepDemo, STALL_S
 from startracker_ros.tools.demos.readiness import needs_of
 from startracker_ros.tools.figures.machine import machine

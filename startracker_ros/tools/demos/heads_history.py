@@ -5,24 +5,85 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime, UTC
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.core.astro.bodies import bright_bodies
-from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.constants import EARTH_RADIUS_M
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
 from startracker_ros.core.astro.exclusion import STEP_S
-from startracker_ros.core.extras import new_figure, PAGE_IN
-from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion, multiply
-from startracker_ros.io.output import write_picture
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
+    quaternion_from_rotation_vector, rotate)
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.sim.sky.motion import SteadyMotion
-from startracker_ros.tools.demos.heads_orbit import MOUNTS, START_NS
 from startracker_ros.tools.figures.correctness import count_wrong
 from startracker_ros.tools.figures.rows import Row
+from startracker_ros.tools.report.chart import draw_error, draw_errors, picture
 from startracker_ros.tools.report.heads import HeadsRecording
-from startracker_ros.tools.report.picture import draw_error
+
+# --- orbit and mounts ---
+
+START_NS = stamp_from_datetime(datetime(2026, 6, 9, 12, tzinfo=UTC))
+TURN_S = 600.0
+"""Of the body: the time of an orbit, accelerated."""
+
+ALTITUDE_M = 20_200e3
+MOUNTS = {f'tracker_{number}': quaternion_from_axes(
+    np.array(z, float), np.roll(np.array(z, float), 1)) for number, z in enumerate(
+        ((0, 0, 1), (1, 0, 0), (0, 1, 0)), 1)}
+"""q_body_from_sensor (4,) of the heads."""
+
+_AXIS = np.ones(3) / np.sqrt(3)
+_CONE_RAD = np.arccos(_AXIS[2])
+# From the cone, and around it from the Sun.
+_SUN_OFF, _MOON_OFF, _EARTH_OFF = np.radians([20.0, 4.0, 24.0])
+_EARTH_FROM_SUN = np.radians(165.5)
+_START_FROM_SUN = np.radians(69.0)
+
+
+def body_motion() -> SteadyMotion:
+    """Return the motion of the body from START_NS on."""
+    bodies = bright_bodies(epoch_year_from_stamp(START_NS))
+    sun = bodies['Sun'][0]
+    axis = _axis(sun, bodies['Moon'][0])
+
+    def around(angle: float) -> np.ndarray:
+        return rotate(quaternion_from_rotation_vector(axis * angle), sun)
+    outwards = around(_EARTH_FROM_SUN) - axis * (axis @ sun)
+    outwards /= np.linalg.norm(outwards)
+    earth_rad = _CONE_RAD + _EARTH_OFF
+    zenith = -(np.cos(earth_rad) * axis + np.sin(earth_rad) * outwards)
+    start = quaternion_from_axes(axis, around(_START_FROM_SUN))
+    q_icrf_from_body = multiply(start, conjugate(quaternion_from_axes(_AXIS, np.eye(3)[2])))
+    return SteadyMotion(q_icrf_from_body, 2 * np.pi / TURN_S * _AXIS, _orbit(zenith, axis))
+
+
+def _axis(sun: np.ndarray, moon: np.ndarray) -> np.ndarray:
+    """Return the axis (3,) of the cone, from which Sun and Moon are as far as they have to be."""
+    cosines = np.cos(_CONE_RAD + np.array([_SUN_OFF, _MOON_OFF]))
+    pair = np.array([sun, moon])
+    within = pair.T @ np.linalg.solve(pair @ pair.T, cosines)
+    normal = np.cross(sun, moon)
+    return within + normal * np.sqrt(1 - within @ within) / np.linalg.norm(normal)
+
+
+def _orbit(zenith: np.ndarray, axis: np.ndarray) -> CircularOrbit:
+    """Return the orbit that passes a zenith (3,) at time 0, in a plane across the axis' one."""
+    normal = np.cross(zenith, np.cross(axis, zenith))
+    normal /= np.linalg.norm(normal)
+    node = np.arctan2(normal[0], -normal[1])
+    to_node = np.array([np.cos(node), np.sin(node), 0.0])
+    latitude = np.arctan2(zenith @ np.cross(normal, to_node), zenith @ to_node)
+    return CircularOrbit(EARTH_RADIUS_M + ALTITUDE_M, float(np.arccos(normal[2])), float(node),
+                         float(latitude))
+
+
+# --- history ---
 
 JUMP_SIGMAS = 3.0
 FORECAST_LIMIT_S = STEP_S + 1.0  # tracker_state repeats a forecast for a second
@@ -205,32 +266,24 @@ class HeadsHistory:
 
     def draw(self, path: Path, recording: Recording, heads: HeadsRecording) -> None:
         """Write a PNG: error of the fused attitude, heads in use, errors of the mounts."""
-        figure = new_figure(figsize=(PAGE_IN, 13))
-        figure.suptitle('three heads, one attitude: each blinded in turn by Moon, Sun and Earth')
-        grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
         stamps, error, sigma = recording.errors()
-        first: Any = None
-        for row, name in enumerate(('x, cross', 'y, cross', 'z, roll')):
-            axis = figure.add_subplot(grid[row], sharex=first)
-            first = first or axis
-            draw_error(axis, self._since_s(stamps), error[:, row], sigma[:, row],
-                       f'{name}\n[arcsec]', markersize=1.5)
-            limit = max(4.5 * np.median(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
-            axis.set_ylim(-limit, limit)
-        first.set_title('error of the fused attitude about the axes of the first head')
-        first.legend(loc='upper right', ncols=2)
-        self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
-        for row, label in enumerate('xyz'):
-            axis = figure.add_subplot(grid[4 + row], sharex=first)
-            for colour, (name, series) in zip(('tab:red', 'tab:green'), heads.mounts.items()):
-                time_s, three = self._since_s(series.stamp_ns), 3 * series.sigma_arcsec()[:, row]
-                axis.fill_between(time_s, -three, three, color=colour, alpha=0.12, linewidth=0)
-                axis.plot(time_s, series.error_arcsec()[:, row], color=colour, label=name)
-            axis.set_ylabel(f'mount, {label}\n[arcsec]')
-            axis.grid(alpha=0.3)
-        axis.legend(loc='upper right', ncols=2)
-        axis.set_xlabel('time [s]')
-        write_picture(path, figure, dpi=130)
+        title = 'three heads, one attitude: each blinded in turn by Moon, Sun and Earth'
+        with picture(path, 13, 130, title=title) as figure:
+            grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
+            first, *_ = draw_errors(
+                [grid[row] for row in range(3)], self._since_s(stamps), error, sigma,
+                ('x, cross', 'y, cross', 'z, roll'), 'arcsec',
+                'error of the fused attitude about the axes of the first head')
+            self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
+            for row, label in enumerate('xyz'):
+                axis = figure.add_subplot(grid[4 + row], sharex=first)
+                for colour, (name, series) in zip(('C1', 'C2'), heads.mounts.items()):
+                    draw_error(axis, self._since_s(series.stamp_ns),
+                               series.error_arcsec()[:, row], series.sigma_arcsec()[:, row],
+                               label=name, band='', style='-', colour=colour)
+                axis.set_ylabel(f'mount, {label}\n[arcsec]')
+            axis.legend(loc='upper right', ncols=2)
+            axis.set_xlabel('time [s]')
 
     def _draw_heads(self, axis: Any, heads: HeadsRecording) -> None:
         """Draw a bar for each head: its frames with attitude, in use by the fusion, the bodies."""

@@ -16,7 +16,7 @@ from startracker_ros.core.astro.epoch import (
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros.processes import node_environment
-from startracker_ros.tools.doctor.check import Check
+from startracker_ros.tools.doctor.install import Check
 
 # Narrower fields hold too few stars of the catalogue to be lost in space (docs/catalog.md);
 # in wider ones a pixel is too coarse for anything but a try, but fisheyes see dozens of bright
@@ -41,8 +41,8 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
             yield from check_geometry('camera file', of_file)
     if listen_s:
         done = subprocess.run(
-            [sys.executable, '-m', 'startracker_ros.tools.doctor.listening', str(listen_s),
-             namespace],
+            [sys.executable, '-m', 'startracker_ros.tools.doctor.processes', 'listen',
+             str(listen_s), namespace],
             env=node_environment(), capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f'status {done.returncode}']

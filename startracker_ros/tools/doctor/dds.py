@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 from startracker_ros.ros.processes import node_environment
-from startracker_ros.tools.doctor.check import Check
+from startracker_ros.tools.doctor.install import Check
 
 _RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
 # Ports of higher domains are those that Linux gives to others.
@@ -116,7 +116,7 @@ def check_shared_memory(free_bytes: int) -> Check:
 
 def check_loopback(environment: Mapping[str, str], timeout_s: float = 30.0) -> Check:
     """Return whether an image of 2 MiB comes from another process, and how soon."""
-    command = [sys.executable, '-m', 'startracker_ros.tools.doctor.loopback']
+    command = [sys.executable, '-m', 'startracker_ros.tools.doctor.processes']
     topic = f'startracker_doctor_{os.getpid()}'
     sender = subprocess.Popen([*command, 'send', topic], env=dict(environment),
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

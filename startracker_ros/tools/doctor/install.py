@@ -4,6 +4,7 @@
 """What is installed, and the folders for compiled code, pattern databases and bags."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module, metadata
 import os
 from pathlib import Path
@@ -16,7 +17,26 @@ from startracker_ros.core.folders import (
 from startracker_ros.core.machine_code import (
     machine_code_folder, missing_modules, registered_modules)
 from startracker_ros.ros.executables import EXECUTABLES
-from startracker_ros.tools.doctor.check import Check
+
+
+# --- a row of the examination ---
+
+
+@dataclass(frozen=True)
+class Check:
+    """
+    What was looked at, what was found, whether that will do, and what to mend.
+
+    A check that holds may still carry advice in `mend`.
+    """
+
+    check: str
+    result: str
+    holds: bool = True
+    mend: str = ''
+
+
+# --- the install ---
 
 # Modules with the distributions that have their versions; Debian packages may have none.
 PACKAGES = (

@@ -19,7 +19,7 @@ PACKAGE = 'startracker_ros'
 _SOURCES = Path(__file__).parents[2]
 # Where modules of the packages stand in the list of code.
 _PLACES = {PACKAGE: '', 'startracker_evaluation': 'evaluation'}
-_PRINTING = ('io', 'tools/cli', 'tools/figures', 'evaluation/cli')
+_PRINTING = ('io', 'tools/cli', 'tools/figures', 'evaluation/cli', 'evaluation/result_table')
 
 _BUSY_STEAL = 0.1
 _HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')

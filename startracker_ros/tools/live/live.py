@@ -54,8 +54,8 @@ from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_f
 from startracker_ros.ros.messages.serialized import deserialized
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.ros.rig import Rig
-from startracker_ros.tools.live.sky_page import PICTURE, SkyPage, THIS_MACHINE
-from startracker_ros.tools.live.texts import exposure_text, focus_text, state_texts
+from startracker_ros.tools.live.sky_page import (
+    exposure_text, focus_text, PICTURE, SkyPage, state_texts, THIS_MACHINE)
 
 _SHOW_S, _DRAW_S = 0.25, 1.0
 _IMAGES, _KEPT_NS = 5, 5_000_000_000

@@ -30,8 +30,8 @@ from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.photographs.calibrate import MAX_STARS
 from startracker_ros.tools.night.earth_motion import EarthMotion, inliers
+from startracker_ros.tools.night.patterns import Stars, without_turns
 from startracker_ros.tools.night.sources import NightError, TimedImage
-from startracker_ros.tools.night.stars import Stars, without_turns
 
 _WIDTH_STARS, _WIDTH_ITERATIONS = 60, 4
 _WIDTH_SNR = 30.0  # of stars whose PSF sigma is known to some per cent

@@ -28,7 +28,7 @@ from startracker_ros.io.table import Result
 from startracker_ros.tools.report.heads import head_states, load_heads, mount_panels
 from startracker_ros.tools.report.panels import (
     diagnostics_table, numbers, Panel, Panels, thinned, usable)
-from startracker_ros.tools.report.template import content_policy, resource, template
+from startracker_ros.tools.report.template import render_page, resource
 
 _LEVELS = {0: ('OK', 'good'), 1: ('WARN', 'warn'), 2: ('ERROR', 'bad'), 3: ('STALE', 'other')}
 _NAMED_STARS = 12
@@ -52,7 +52,7 @@ def write_report(bag: Path, output: Path, namespace: str | None = None) -> Resul
     if not bag.exists():
         raise BagError(f'{bag} does not exist')
     panels = Panels(load_recording(bag, namespace))
-    write_output(output, render_page(bag, panels))
+    write_output(output, report_page(bag, panels))
     rows = [{'case': name, 'ours': figure.text, 'value': figure.value, 'unit': figure.unit,
              'p95': figure.p95} for name, figure in panels.key_figures().items()]
     problems = {'problem' if index == 0 else f'problem {index + 1}': problem
@@ -61,7 +61,7 @@ def write_report(bag: Path, output: Path, namespace: str | None = None) -> Resul
                   details=('value', 'unit', 'p95'))
 
 
-def render_page(bag: Path, panels: Panels) -> str:
+def report_page(bag: Path, panels: Panels) -> str:
     """Return the HTML of a recording; pictures of frames are read from the bag."""
     recording = panels.recording
     pictures, why_no_frames = frame_pictures(bag, recording)
@@ -73,15 +73,11 @@ def render_page(bag: Path, panels: Panels) -> str:
     sky, histograms, states = sky_map(panels), panels.histograms(), panels.states()
     data = {'duration': panels.duration_s, 'panels': sum(groups.values(), []), 'states': states,
             'heads': head_rows, 'histograms': histograms, 'sky': sky}
-    style, script = (resource(_PACKAGE, name) for name in ('page.css', 'page.js'))
-    page = template(_PACKAGE, 'page.html.j2', degrees=np.degrees, utc=utc, levels=_LEVELS,
-                    listed=_LISTED)
-    return page.render(
-        title=f'Star tracker: {_bag_name(bag)}', policy=content_policy(style, script),
-        style=style, script=script,
+    return render_page(
+        _PACKAGE, {'degrees': np.degrees, 'utc': utc, 'levels': _LEVELS, 'listed': _LISTED},
+        script=resource(_PACKAGE, 'page.js'), title=f'Star tracker: {_bag_name(bag)}',
         data=json_block(data), panels=panels, recording=recording, groups=groups, states=states,
-        heads=head_rows,
-        histograms=histograms, sky=sky, no_truth=_no_truth(recording),
+        heads=head_rows, histograms=histograms, sky=sky, no_truth=_no_truth(recording),
         error_count=len(recording.errors()[0]),
         has_covariance=np.isfinite(recording.sigma_arcsec()).any(),
         latency=[(name, count, *(f'{value:.2f}' for value in values))

@@ -1,13 +1,16 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded run in figures, each with the bound that it must hold or the goal that it should."""
+"""A recorded run in figures, each with its bound or its goal, and as a picture."""
+
+from pathlib import Path
 
 import numpy as np
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.tools.figures.correctness import count_wrong
 from startracker_ros.tools.figures.rows import DemoRow, goal_text, within
+from startracker_ros.tools.report.chart import draw_errors, draw_field, picture
 
 _LATENCY_GOALS_MS = {50: 6.0, 95: 10.0}
 """Those of `bench pipeline` for a process each."""
@@ -80,3 +83,19 @@ def _expected_frames(image_ns: np.ndarray) -> int:
     if len(image_ns) < 3:
         return len(image_ns)
     return round((image_ns[-1] - image_ns[0]) / np.median(np.diff(image_ns))) + 1
+
+
+def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
+             hip: np.ndarray, title: str) -> None:
+    """Write a PNG: image (H, W) with tracks at uv (N, 2), labelled with hip (N,)."""
+    stamps, error, sigma = recording.errors()
+    time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
+    with picture(path, 5.6, 165, title=title) as figure:
+        grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
+        draw_field(figure.add_subplot(grid[:, 0]), image, uv, hip,
+                   f'{np.count_nonzero(hip)} stars identified, '
+                   f'{np.count_nonzero(hip == 0)} not yet')
+        axes = draw_errors([grid[row, 1] for row in range(3)], time_s, error, sigma,
+                           ('x, cross', 'y, cross', 'z, roll'), 'arcsec',
+                           'attitude error against truth')
+        axes[-1].set_xlabel('time since the first image [s]')

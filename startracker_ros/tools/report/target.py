@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
-from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.io.bags.reader import read_messages
-from startracker_ros.io.output import write_picture
 from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.figures.rows import DemoRow
-from startracker_ros.tools.report.picture import draw_error, draw_field
+from startracker_ros.tools.report.chart import draw_errors, draw_field, picture
 
 
 @dataclass(frozen=True)
@@ -125,22 +123,17 @@ def _share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> DemoRow:
 
 def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tuple]) -> None:
     """Write a PNG; pictures holds image (H, W), uv (N, 2), hip (N,) and the target's uv (2,)."""
-    figure = new_figure(figsize=(PAGE_IN, 9.5))
-    grid = figure.add_gridspec(4, 2, height_ratios=(3.2, 1, 1, 1))
-    for column, (name, (image, uv, hip, target)) in enumerate(pictures.items()):
-        field = figure.add_subplot(grid[0, column])
-        draw_field(field, image, uv, hip, f'{name}: {len(uv)} tracked stars',
-                   bare=target[None])
-        field.plot(*target, 's', markersize=16, markerfacecolor='none', markeredgecolor='red')
-        field.annotate('target', target, (12, 8), textcoords='offset points', color='red')
     error, sigma = recording.errors()
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) / 1e9
-    axis: Any = None
-    for row, name in enumerate(('along track', 'cross track', 'radial'), 1):
-        axis = figure.add_subplot(grid[row, :], sharex=axis)
-        draw_error(axis, time_s, error[:, row - 1], sigma[:, row - 1], f'{name}\n[m]',
-                   markersize=4)
-    axis.set_xlabel('time since the first position [s]')
-    figure.axes[-3].set_title('error of the located target against truth')
-    figure.axes[-3].legend(loc='upper right', ncols=2)
-    write_picture(path, figure, dpi=130)
+    with picture(path, 9.5, 130) as figure:
+        grid = figure.add_gridspec(4, 2, height_ratios=(3.2, 1, 1, 1))
+        for column, (name, (image, uv, hip, target)) in enumerate(pictures.items()):
+            field = figure.add_subplot(grid[0, column])
+            draw_field(field, image, uv, hip, f'{name}: {len(uv)} tracked stars',
+                       bare=target[None])
+            field.plot(*target, 's', markersize=16, markerfacecolor='none', markeredgecolor='red')
+            field.annotate('target', target, (12, 8), textcoords='offset points', color='red')
+        axes = draw_errors([grid[row, :] for row in (1, 2, 3)], time_s, error, sigma,
+                           ('along track', 'cross track', 'radial'), 'm',
+                           'error of the located target against truth')
+        axes[-1].set_xlabel('time since the first position [s]')

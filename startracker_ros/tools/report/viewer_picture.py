@@ -13,13 +13,12 @@ import sys
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX, stretch
-from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.frames import read_frame
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
+from startracker_ros.tools.report.chart import picture
 
 _DARK = '#05070d'
 
@@ -35,19 +34,18 @@ def draw_viewer(bag: Path, output: Path) -> None:
     image = read_frame(bag, recording, int(np.searchsorted(recording.image_ns, stamp_ns)))
     if image is None:
         raise ValueError(f'{bag} has no image of {stamp_ns} ns')
-    figure = new_figure(figsize=(PAGE_IN, 6), facecolor='#e8eaee')
-    grid = figure.add_gridspec(4, 3, width_ratios=(1, 1, 0.9))
-    _draw_image(figure.add_subplot(grid[:3, 0]), image, recording, stamp_ns)
-    _draw_sky(figure.add_subplot(grid[:3, 1], projection='3d'), recording, stamp_ns)
-    _draw_states(figure.add_subplot(grid[3, :2]), recording)
-    for row, (title, names, stamps, values) in enumerate(_plots(recording)):
-        axes = figure.add_subplot(grid[row, 2])
-        axes.set_title(title, loc='left')
-        for name, column in zip(names, values):
-            axes.plot((stamps - recording.image_ns[0]) / 1e9, column, label=name, linewidth=1)
-        axes.axvline((stamp_ns - recording.image_ns[0]) / 1e9, color='gray', linewidth=0.8)
-        axes.legend(fontsize=9, loc='upper right', ncols=4, handlelength=1)
-    write_picture(output, figure, dpi=112, pil_kwargs={'optimize': True})
+    with picture(output, 6, 112, facecolor='#e8eaee') as figure:
+        grid = figure.add_gridspec(4, 3, width_ratios=(1, 1, 0.9))
+        _draw_image(figure.add_subplot(grid[:3, 0]), image, recording, stamp_ns)
+        _draw_sky(figure.add_subplot(grid[:3, 1], projection='3d'), recording, stamp_ns)
+        _draw_states(figure.add_subplot(grid[3, :2]), recording)
+        for row, (title, names, stamps, values) in enumerate(_plots(recording)):
+            axes = figure.add_subplot(grid[row, 2])
+            axes.set_title(title, loc='left')
+            for name, column in zip(names, values):
+                axes.plot((stamps - recording.image_ns[0]) / 1e9, column, label=name, linewidth=1)
+            axes.axvline((stamp_ns - recording.image_ns[0]) / 1e9, color='gray', linewidth=0.8)
+            axes.legend(fontsize=9, loc='upper right', ncols=4, handlelength=1)
 
 
 def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: int) -> None:

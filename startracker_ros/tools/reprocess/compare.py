@@ -5,21 +5,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
-from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.output import write_picture
 from startracker_ros.io.table import Result
-from startracker_ros.tools.reprocess.runs import open_run, Run
-from startracker_ros.tools.reprocess.tables import BAG
+from startracker_ros.tools.report.chart import draw_series, picture
+from startracker_ros.tools.reprocess.tables import BAG, open_run, Run
 
 _COLUMNS = [BAG, 'stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),
             *(f'error_{axis}_arcsec' for axis in 'xyz')]
-_MOST_INTERVALS = 1000
 
 
 @dataclass(frozen=True)
@@ -49,7 +45,7 @@ class CompareRow:
     first_divergent_bag: str
 
 
-def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Result:
+def compare(folder_a: Path, folder_b: Path, drawing: Path | None = None) -> Result:
     """
     Return a row for each star tracker that both runs have, and draw the differences.
 
@@ -66,8 +62,8 @@ def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Resu
         row, stamps, difference = _compare(a, b, tracker)
         rows.append(row)
         curves[tracker] = stamps, difference
-    if picture is not None:
-        _draw(curves, picture)
+    if drawing is not None:
+        _draw(curves, drawing)
     remarks = [f'{name}: {found}' for name, run in (('a', a), ('b', b)) for tracker in trackers
                if (found := run.same_times(tracker))]
     remarks += [f'{row.tracker}: no frame has an attitude in both runs' for row, stamps in zip(
@@ -125,33 +121,10 @@ def _rms(values: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(values ** 2))) if len(values) else None
 
 
-def _extremes(stamps_ns: np.ndarray, values: np.ndarray
-              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (M,), least and greatest values (M,) of at most _MOST_INTERVALS."""
-    if not len(stamps_ns):
-        return np.empty(0, np.int64), np.empty(0), np.empty(0)
-    begins = np.unique(np.linspace(0, len(stamps_ns), min(_MOST_INTERVALS, len(stamps_ns)) + 1
-                                   ).astype(int)[:-1])
-    return (stamps_ns[begins], np.minimum.reduceat(values, begins),
-            np.maximum.reduceat(values, begins))
-
-
-def draw_extremes(axes: Any, stamps_ns: np.ndarray, values: np.ndarray, label: str) -> None:
-    """Draw values (N,) over the time: the middle of each interval, and a band of its extremes."""
-    times, low, high = _extremes(stamps_ns, values)
-    moments = times.astype('datetime64[ns]')
-    line, = axes.plot(moments, (low + high) / 2, '.-', linewidth=0.8, markersize=2, label=label)
-    axes.fill_between(moments, low, high, alpha=0.3, color=line.get_color(), linewidth=0)
-
-
 def _draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
-    figure = new_figure(figsize=(PAGE_IN, 3 * len(curves) + 0.5))
-    grid = figure.subplots(len(curves), 1, squeeze=False)
-    for axes, (tracker, (stamps, difference)) in zip(grid[:, 0], curves.items()):
-        for axis, name in enumerate(('x', 'y', 'roll')):
-            draw_extremes(axes, stamps, difference[:, axis], name)
-        axes.set(title=f'{tracker}: attitude of B minus that of A', xlabel='UTC',
-                 ylabel='[arcsec]')
-        axes.grid(alpha=0.3)
-        axes.legend(loc='upper right', ncols=3)
-    write_picture(path, figure, dpi=100)
+    with picture(path, 3 * len(curves) + 0.5, 100) as figure:
+        grid = figure.subplots(len(curves), 1, squeeze=False)
+        for axes, (tracker, (stamps, difference)) in zip(grid[:, 0], curves.items()):
+            draw_series(axes, stamps, difference, ('x', 'y', 'roll'), 'arcsec')
+            axes.set_title(f'{tracker}: attitude of B minus that of A')
+            axes.legend(loc='upper right', ncols=3)

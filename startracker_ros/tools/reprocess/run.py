@@ -25,10 +25,10 @@ from startracker_ros.io.workers import cluster, completed
 from startracker_ros.tools.reprocess.parameters import ParameterSet
 from startracker_ros.tools.reprocess.plan import (
     bag_names, find_bags, plan_bag, Problem, Segment, SegmentOptions)
+from startracker_ros.tools.reprocess.tables import SUMMARY
 from startracker_ros.tools.reprocess.work import (
     finished, Outputs, process, remove_partial, SegmentRecord)
 
-SUMMARY = 'summary.json'
 ERRORS = 'errors.json'
 NOTHING = 'none'
 

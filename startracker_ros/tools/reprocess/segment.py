@@ -31,8 +31,7 @@ from startracker_ros.tools.reprocess.leftovers import Leftovers
 from startracker_ros.tools.reprocess.output import INERTIAL, SegmentBag
 from startracker_ros.tools.reprocess.plan import IMAGE, Segment
 from startracker_ros.tools.reprocess.smoothing import Smoothing
-from startracker_ros.tools.reprocess.tables import SegmentTables
-from startracker_ros.tools.reprocess.widths import FittedStars, NO_STARS
+from startracker_ros.tools.reprocess.tables import FittedStars, NO_STARS, SegmentTables
 
 _EPOCH_STEPS = 20
 """Epochs of the catalogue in a year: within such a step no star moves by more than 0.5 arcsec."""

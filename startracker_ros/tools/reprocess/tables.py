@@ -4,24 +4,93 @@
 """Tables of a run: what a segment collects, and Parquet files by day and tracker."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import json
+import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.frame_result import Attitude, FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.track_filter import TrackerState
+from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
-from startracker_ros.tools.reprocess.widths import FittedStars, width_rows
+
+# --- widths of star images, from the scatter of their centroids ---
+
+GRID = 8
+"""Cells of the map on each axis of the image."""
+
+WIDTH_DTYPE = np.dtype([('stamp_ns', 'i8'), ('column', 'i2'), ('row', 'i2'), ('count', 'i4'),
+                        ('square_px2', 'f8')])
+"""Sums over a segment for each cell of the image: stars, and s^2 of width_px()."""
+
+_ATTITUDE = 3
+"""What the fit of a frame takes out of the residuals of its stars."""
+
+
+class FittedStars(NamedTuple):
+    """The stars (K,) of a frame's fit: hip, uv (K, 2) px and SNR."""
+
+    hip: np.ndarray
+    uv: np.ndarray
+    snr: np.ndarray
+
+
+NO_STARS = FittedStars(np.empty(0, np.int32), np.empty((0, 2)), np.empty(0))
+
+
+def width_rows(frames: Sequence[tuple[FittedStars, FrameFit]], camera: Camera, begin_ns: int
+               ) -> np.ndarray:
+    """
+    Return the table widths of a segment.
+
+    A Gaussian image of width s (1 sigma), in the noise of the background, has centroids of error
+    sqrt(2) s / SNR per axis. Clouds do not hold the width that was fitted, so s^2 is the mean of
+    (residual SNR)^2 / 2 on an axis. A residual of FrameFit contains the errors of the others: the
+    variance of K stars is too large by 1 / (1 - 3 / (2 K)) on average.
+    """
+    if not frames:
+        return np.empty(0, WIDTH_DTYPE)
+    count = [len(stars.hip) for stars, _ in frames]
+    own = np.repeat([1 - _ATTITUDE / (2 * stars) for stars in count], count)
+    residual_px = np.concatenate([fit.residual for _, fit in frames]) / camera.pixel_rad
+    snr = np.concatenate([stars.snr for stars, _ in frames])
+    square = own * (residual_px ** 2).mean(axis=1) * snr ** 2 / 2
+    cells = (np.concatenate([stars.uv for stars, _ in frames]) + 0.5) * GRID / [
+        camera.width, camera.height]
+    column, row = np.clip(cells.astype(int), 0, GRID - 1).T
+    known = np.isfinite(square)
+    cell = (row * GRID + column)[known]
+    stars = np.bincount(cell, minlength=GRID ** 2)
+    rows = np.zeros(np.count_nonzero(stars), WIDTH_DTYPE)
+    rows['row'], rows['column'] = np.divmod(np.flatnonzero(stars), GRID)
+    rows['stamp_ns'], rows['count'] = begin_ns, stars[stars > 0]
+    rows['square_px2'] = np.bincount(cell, square[known], GRID ** 2)[stars > 0]
+    return rows
+
+
+def width_px(square_px2: float, count: int) -> tuple[float, float]:
+    """Return the width of sums over stars and its 1 sigma, NaN of none."""
+    if not count:
+        return math.nan, math.nan
+    width = math.sqrt(square_px2 / count)
+    return width, width / (2 * math.sqrt(count))
+
+
+# --- tables ---
 
 STATES = ('LOST', 'ACQUIRING', 'TRACKING')
 PAIRS = ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')
 UPPER = np.triu_indices(3)
 LENS_BIN_S = 60.0
 BAG = 'bag'
+SUMMARY = 'summary.json'
 _DAY_NS = 86_400 * 10 ** 9
 
 FRAME_DTYPE = np.dtype([
@@ -237,3 +306,54 @@ def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: 
               for name, part in parts.items()}
     order = np.argsort(joined['stamp_ns'], kind='stable')
     return {name: column[order] for name, column in joined.items()}
+
+
+# --- a run on disk: its trackers and tables ---
+
+
+@dataclass(frozen=True)
+class Run:
+    """The folder of one run of reprocess, and its star trackers."""
+
+    folder: Path
+    trackers: tuple[str, ...]
+
+    @property
+    def days(self) -> list[str]:
+        """The days with frames, as 2026-01-01."""
+        return sorted(path.name.removeprefix('day=')
+                      for path in (self.folder / 'tables' / 'frames').glob('day=*'))
+
+    def same_times(self, tracker: str) -> str:
+        """Return which bags of a tracker hold frames of the same times, empty where none do."""
+        newest: dict[str, int] = {}
+        for begin_ns, end_ns, bag in file_spans_ns(self.folder / 'tables', 'frames', tracker):
+            for other, other_end_ns in newest.items():
+                if other != bag and begin_ns <= other_end_ns:
+                    return (f'{tracker}: the bags {other} and {bag} both hold frames of '
+                            f'{utc(begin_ns)} to {utc(min(end_ns, other_end_ns))}: for figures '
+                            'of one, reprocess it into a folder of its own')
+            newest[bag] = max(end_ns, newest.get(bag, 0))
+        return ''
+
+    def table(self, name: str, tracker: str, columns: list[str], day: str = '*'
+              ) -> dict[str, np.ndarray]:
+        """Return columns of a table in the order of the stamps; unknown values are NaN."""
+        return read_table(self.folder / 'tables', name, tracker, columns, day)
+
+    def vectors(self, table: dict[str, np.ndarray], pattern: str, names: str = 'xyz'
+                ) -> np.ndarray:
+        """Return columns (N, K) by a pattern of their names."""
+        return np.stack([table[pattern.format(name)].astype(float) for name in names], -1)
+
+
+def open_run(folder: Path) -> Run:
+    """Return the run in a folder; BagError if there is none."""
+    path = folder / SUMMARY
+    try:
+        content = json.loads(path.read_text())
+        return Run(folder, tuple(content['trackers']))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        sets = sorted(found.parent.name for found in folder.glob(f'*/{SUMMARY}'))
+        hint = f'; it holds the runs {", ".join(sets)}' if sets else ''
+        raise BagError(f'{folder} is no finished run of `startracker reprocess`{hint}') from error

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
-from startracker_ros.tools.reprocess.runs import Run
-from startracker_ros.tools.reprocess.tables import LENS_BIN_S
+from startracker_ros.tools.reprocess.tables import LENS_BIN_S, Run
 
 _SAME = 0.6
 """Frames of two heads belong together up to this share of the interval between frames."""

@@ -15,11 +15,10 @@ from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.template import chart, content_policy, resource, template
-from startracker_ros.tools.reprocess.compare import draw_extremes
+from startracker_ros.tools.report.chart import draw_series, page_chart
+from startracker_ros.tools.report.template import render_page
 from startracker_ros.tools.reprocess.run import ERRORS
-from startracker_ros.tools.reprocess.runs import open_run, Run
-from startracker_ros.tools.reprocess.widths import GRID, width_px
+from startracker_ros.tools.reprocess.tables import GRID, open_run, Run, width_px
 from startracker_ros.tools.trend.series import all_series, distortion, Series
 from startracker_ros.tools.trend.steps import drift, find_steps, Step, StepSearch
 
@@ -248,17 +247,16 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
                stars: Sequence[StarRow], pixels: Sequence[PixelRow],
                maps: Sequence[WidthMap], notes: Sequence[str] = ()) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
-    style = resource('startracker_ros.tools.report', 'page.css')
     shown = [(series, search) for series, search in found if len(series.stamp_ns) >= _LEAST_BINS]
-    pictures = [(f'{series.name} [{series.unit}]', chart(
+    pictures = [(f'{series.name} [{series.unit}]', page_chart(
         partial(_draw, series=series, steps=search.steps)))
         for series, search in shown]
     if maps:
         pictures.append(('width of star images over the image [px, 1 sigma]',
-                         chart(partial(_draw_maps, maps=maps))))
+                         page_chart(partial(_draw_maps, maps=maps))))
     stamps = np.concatenate([series.stamp_ns for series, _ in found] or [np.empty(0)])
-    return template('startracker_ros.tools.trend', 'page.html.j2').render(
-        title=f'Trend of {name}', style=style, policy=content_policy(style),
+    return render_page(
+        'startracker_ros.tools.trend', title=f'Trend of {name}',
         span=f'{utc(int(stamps.min()))} to {utc(int(stamps.max()))} UTC.' if len(stamps) else '',
         rows=_table(rows), stars=_table(stars[:_MOST_ROWS]), pixels=_table(pixels[:_MOST_ROWS]),
         pictures=pictures, missing=[*notes, *_too_little(found)])
@@ -294,15 +292,9 @@ def _cell(value: object) -> str:
 def _draw(figure: Any, series: Series, steps: Sequence[Step]) -> None:
     """Draw the extremes of each interval, with the dates of the steps."""
     axes = figure.subplots()
-    for column, name in enumerate(series.columns):
-        draw_extremes(axes, series.stamp_ns, series.values[:, column], name)
+    draw_series(axes, series.stamp_ns, series.values, series.columns, series.unit)
     for step in steps:
         axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
-    # Imported only here: the extra is not needed without a page.
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-    axes.xaxis.set_major_locator(AutoDateLocator(maxticks=5))
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(axes.xaxis.get_major_locator()))
-    axes.set(xlabel='UTC', ylabel=f'[{series.unit}]')
     if len(series.columns) > 1:
         figure.legend(loc='outside upper center', ncols=len(series.columns))
 

@@ -91,7 +91,7 @@ def test_the_figures_hold_and_can_be_drawn(history, tmp_path):
 
 def test_the_phases_and_all_texts_are_legible_in_the_picture(history, monkeypatch):
     figures = []
-    monkeypatch.setattr('startracker_evaluation.gnc.history.write_picture',
+    monkeypatch.setattr('startracker_ros.tools.report.chart.write_picture',
                         lambda path, figure, **options: figures.append(figure))
     draw(Path('loop.png'), history, 'loop')
     assert_legible(figures[0])

@@ -15,13 +15,12 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.tools import parallel
 from startracker_ros.tools.datasheet import datasheet, design
-from startracker_ros.tools.datasheet.by_rate import lines_of, rates_of, records
 from startracker_ros.tools.datasheet.calibrated import field_errors
 from startracker_ros.tools.datasheet.design_options import DesignOptions
 from startracker_ros.tools.datasheet.instrument import (
-    DETECTOR, Instrument, load_optics, OpticsError)
-from startracker_ros.tools.datasheet.motions import Pointings, RUN_S, Spins
-from startracker_ros.tools.datasheet.rows import consistency_rows, SheetRow
+    DETECTOR, Instrument, load_optics, OpticsError, Pointings, RUN_S, Spins)
+from startracker_ros.tools.datasheet.rows import (
+    consistency_rows, lines_of, rates_of, records, SheetRow)
 from startracker_ros.tools.datasheet.single_images import image_errors
 from startracker_ros.tools.datasheet.sky_coverage import field_magnitudes, star_counts
 from startracker_ros.tools.datasheet.tracked_runs import RunCase, Runs
@@ -204,7 +203,7 @@ def test_the_formula_is_that_of_liebe_and_has_a_best_exposure():
     ('--width 16384 --f-number 0.5 --focal-mm 5000 --pixel-um 50 --qe 1 --transmission 1',
      'cannot be simulated')])
 def test_an_impossible_design_is_named(arguments, words, monkeypatch):
-    monkeypatch.setattr('startracker_ros.tools.datasheet.design_table._SKY_FIELDS', 20)
+    monkeypatch.setattr('startracker_ros.tools.datasheet.design._SKY_FIELDS', 20)
     result = invoke('design', *arguments.split())
     assert result.exit_code == 2, result.output
     assert words in ' '.join(result.stderr.split()), result.stderr

@@ -52,7 +52,7 @@ def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
 def test_status_is_0_when_all_hold():
     from startracker_ros.io.table import Result
     from startracker_ros.tools.cli.shared import finish
-    from startracker_ros.tools.doctor.check import Check
+    from startracker_ros.tools.doctor.install import Check
     good = vars(Check('Python', '3.12.1'))
     finish(Result('doctor', [good]), as_json=True)
     with pytest.raises(SystemExit) as ended:

@@ -18,8 +18,8 @@ from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.photographs.outputs import annotated
 from startracker_ros.ros.processes import HarnessError
-from startracker_ros.tools.live.sky_page import SkyPage, THIS_MACHINE
-from startracker_ros.tools.live.texts import degrees_text, hours_text, state_texts
+from startracker_ros.tools.live.sky_page import (
+    degrees_text, hours_text, SkyPage, state_texts, THIS_MACHINE)
 
 FIGURES = {
     'state': 'TRACKING', 'ra_deg': 83.8221, 'dec_deg': -5.3911, 'roll_deg': 12.5,

@@ -19,10 +19,9 @@ from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.sim.sky.detector import DetectorOptions
-from startracker_ros.tools.night.night import measure
-from startracker_ros.tools.night.rows import all_rows, MET, MISSED, NOT_OBSERVABLE
+from startracker_ros.tools.night.night import all_rows, measure, MET, MISSED, NOT_OBSERVABLE
+from startracker_ros.tools.night.patterns import without_turns
 from startracker_ros.tools.night.sources import NightError
-from startracker_ros.tools.night.stars import without_turns
 
 SHAKE_ARCSEC = 20.0
 DRIFT_ARCSEC_H = np.array([0.0, -600.0, 300.0])

@@ -10,8 +10,8 @@ from scipy import stats
 from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.tools.night.intervals import CONFIDENCE
 from startracker_ros.tools.night.patterns import (
-    field_columns, field_degree, fit_pattern, PHASE_COLUMNS, phase_columns, single_coefficient)
-from startracker_ros.tools.night.stars import Stars, turns_of, without_turns
+    field_columns, field_degree, fit_pattern, PHASE_COLUMNS, phase_columns, single_coefficient,
+    Stars, turns_of, without_turns)
 
 FRAMES, STARS = 30, 60
 NOISE_PX, STAR_PX, TURN_RAD = 0.05, 0.05, 1e-4

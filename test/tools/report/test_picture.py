@@ -10,8 +10,8 @@ from pictures import assert_legible
 import pytest
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.recordings.loading import load_recording
-from startracker_ros.tools.report import picture, target, viewer_picture
-from startracker_ros.tools.report.picture import draw_error, draw_run
+from startracker_ros.tools.report.chart import draw_error
+from startracker_ros.tools.report.summary import draw_run
 from startracker_ros.tools.report.target import draw_target, TargetRecording
 from startracker_ros.tools.report.viewer_picture import draw_viewer
 
@@ -24,9 +24,8 @@ UV, HIP = np.array([[200.0, 300.0], [520.0, 300.0], [100.0, 900.0]]), np.array([
 def drawn(monkeypatch):
     """Return a list that takes the figures instead of files."""
     figures = []
-    for module in (picture, target, viewer_picture):
-        monkeypatch.setattr(module, 'write_picture',
-                            lambda path, figure, **options: figures.append(figure))
+    monkeypatch.setattr('startracker_ros.tools.report.chart.write_picture',
+                        lambda path, figure, **options: figures.append(figure))
     return figures
 
 
@@ -54,7 +53,7 @@ def test_texts_are_legible_at_the_width_of_a_page(drawn, draw):
 def test_no_bounds_are_drawn_over_a_gap():
     axis = new_figure().add_subplot()
     time_s = np.concatenate([np.arange(0.0, 3.0, 0.1), np.arange(50.0, 52.0, 0.1)])
-    draw_error(axis, time_s, np.zeros(len(time_s)), np.ones(len(time_s)), 'x', markersize=2)
+    draw_error(axis, time_s, np.zeros(len(time_s)), np.ones(len(time_s)))
     band, = axis.collections
     drawn = sorted(path.get_extents().intervalx.tolist() for path in band.get_paths())
     np.testing.assert_allclose(drawn, [[0.0, 2.9], [50.0, 51.9]])

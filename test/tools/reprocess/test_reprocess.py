@@ -32,7 +32,7 @@ from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 from startracker_ros.tools.reprocess.compare import compare
 from startracker_ros.tools.reprocess.parameters import parameter_sets, ParameterError
 from startracker_ros.tools.reprocess.plan import plan_bag, SegmentOptions
-from startracker_ros.tools.reprocess.runs import open_run
+from startracker_ros.tools.reprocess.tables import open_run
 from startracker_ros.tools.reprocess.tracklets import tracklets
 from startracker_ros.tools.reprocess.work import finished
 from startracker_ros.tools.trend.trend import hot_pixels, trend
@@ -271,7 +271,7 @@ def test_runs_are_compared(finished_run, copied_run):
 
 def test_the_picture_of_a_comparison_shows_each_frame(finished_run, copied_run, monkeypatch):
     figures = []
-    monkeypatch.setattr('startracker_ros.tools.reprocess.compare.write_picture',
+    monkeypatch.setattr('startracker_ros.tools.report.chart.write_picture',
                         lambda path, figure, **options: figures.append(figure))
     compare(finished_run[0], copied_run, Path('difference.png'))
     axes, = figures[0].axes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from startracker_ros.core.maths.rotation import radec_from_unit
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
-from startracker_ros.tools.reprocess.tracklet_joining import continued, joined, split_tracklets
+from startracker_ros.tools.reprocess.tracklets import continued, joined, split_tracklets
 
 STAMP_NS = 1_767_225_600_000_000_000
 SIGMA_ARCSEC = 8.0

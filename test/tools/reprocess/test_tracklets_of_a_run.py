@@ -13,7 +13,7 @@ from startracker_ros.io.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.sim.flights.bags import write_bag
 from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
-from startracker_ros.tools.reprocess.runs import open_run
+from startracker_ros.tools.reprocess.tables import open_run
 from startracker_ros.tools.reprocess.tracklets import _located, _read, _Tracklet, tracklets
 
 STAMP_NS = 1_767_225_600_000_000_000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
-from startracker_ros.tools.reprocess.widths import FittedStars, GRID, width_px, width_rows
+from startracker_ros.tools.reprocess.tables import FittedStars, GRID, width_px, width_rows
 
 CAMERA = Camera.from_fov(1024, 512, 12.0)
 STARS = 20

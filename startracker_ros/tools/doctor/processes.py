@@ -1,19 +1,25 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Summarises what a camera publishes within some seconds and prints it as JSON, for the doctor."""
+"""Processes of the doctor: `listen SECONDS NAMESPACE` to a camera, `send` and `receive TOPIC`."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 import json
 import sys
+import time
 
 import numpy as np
 import rclpy
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp, sensor_from_message)
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.probe import Probe
 
 # Matches reliable and best-effort publishers.
@@ -67,15 +73,50 @@ class CameraListener(Probe):
         return self._figures
 
 
-def main(seconds: float, namespace: str) -> None:
-    """Subscribe for some seconds, then print."""
+def listen(seconds: str, namespace: str) -> None:
+    """Print as JSON what a camera publishes within some seconds."""
     rclpy.init()
     listener = CameraListener(namespace)
-    listener.spin_for(seconds)
+    listener.spin_for(float(seconds))
     print(json.dumps(listener.summary()))
     listener.destroy_node()
     rclpy.shutdown()
 
 
+# --- an image from one process to another ---
+
+_IMAGES = 5
+
+
+def send(topic: str) -> None:
+    """Publish an image at 10 Hz until killed."""
+    rclpy.init()
+    node = Node('startracker_loopback_send')
+    publisher = node.create_publisher(Image, topic, qos.IMAGE)
+    image = np.zeros((1024, 1024), np.uint16)
+    while True:
+        publisher.publish(image_to_message(image, make_header(time.time_ns(), 'loopback')))
+        rclpy.spin_once(node, timeout_sec=0)
+        time.sleep(0.1)
+
+
+def receive(topic: str) -> None:
+    """Print the median transport time of the first images as JSON."""
+    rclpy.init()
+    node = Node('startracker_loopback_receive')
+    times_ms: list[float] = []
+
+    def on_image(message: Image) -> None:
+        times_ms.append((time.time_ns() - ns_from_stamp(message.header.stamp)) * 1e-6)
+    node.create_subscription(Image, topic, on_image, qos.IMAGE)
+    while len(times_ms) < _IMAGES:
+        rclpy.spin_once(node)
+    print(json.dumps({'median_ms': float(np.median(times_ms))}))
+    node.destroy_node()
+    rclpy.shutdown()
+
+
 if __name__ == '__main__':
-    main(float(sys.argv[1]), sys.argv[2])
+    commands: dict[str, Callable[..., None]] = {
+        'listen': listen, 'send': send, 'receive': receive}
+    commands[sys.argv[1]](*sys.argv[2:])
