@@ -20,6 +20,9 @@ from typing import Any
 # Before NumPy is imported. Matrices are small here: two threads of BLAS, each of which waits in a
 # loop for the other, take many times the processor time of one.
 os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+# The tests use more databases than a cache of the default size holds: it would drop each before
+# another test needs it, and most of their processor time would be spent on building them again.
+os.environ['STARTRACKER_CACHE_MB'] = '4000'
 
 from browser import browser_page, find_chromium, Page  # noqa: E402, I100
 from hypothesis import settings  # noqa: E402
@@ -193,10 +196,13 @@ def pytest_collection_finish() -> None:
     """Let no collection of garbage search what all tests together have imported: half a second."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let all processes of the tests log the calls that nothing has compiled beforehand."""
+    # Little of what is imported is garbage.
+    gc.disable()
     # A shell starts `make test &` with Ctrl-C ignored, which processes inherit.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if LOG not in os.environ:

@@ -368,7 +368,7 @@ def test_ctrl_c_ends_a_search_at_once_whenever_it_comes(folder, process, monkeyp
         image[v - 1:v + 2, u - 1:u + 2] += 60
     cv2.imwrite('no_sky.png', image.clip(0, 255).astype(np.uint8))
     took_s = []
-    for moment_s in (0.06, 0.3, 0.9, 1.5, 2.0, 2.5, 3.0):
+    for moment_s in (0.06, 0.3, 0.9, 1.5, 2.5):
         solve = process('solve', 'no_sky.png', stdout=subprocess.PIPE)
         while used_s(solve.pid) < moment_s:
             assert solve.poll() is None

@@ -76,7 +76,8 @@ class Frames:
                 for stamp_ns, answered_s in self.answered_s[topic].items()]
 
 
-@pytest.mark.parametrize('composed', (False, True), ids=('processes', 'composed'))
+@pytest.mark.parametrize('composed', [False, pytest.param(True, marks=pytest.mark.long)],
+                         ids=['processes', 'composed'])
 def test_what_cannot_be_identified_holds_up_nothing(nodes, probe, composed):
     if composed:
         nodes.start('composed_pipeline', {}, ['--', *NODES])

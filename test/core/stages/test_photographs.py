@@ -37,7 +37,7 @@ SIDE_PX = 384
 
 @pytest.fixture(scope='module')
 def solver():
-    return PhotographSolver(2020.0, WIDE)
+    return PhotographSolver(2019.57, WIDE)
 
 
 def noise(rng):
