@@ -30,7 +30,8 @@ import pytest  # noqa: E402
 
 ROOT = Path(__file__).parent
 # By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
-# some, slow takes seconds of a processor. What is marked as long is not part of `make test`.
+# some, slow takes seconds of a processor. A test of the core may be marked as slow, too. What is
+# marked as long is not part of `make test`.
 KINDS = {
     '': 'core',
     'io/bags/test_damage.py': 'slow',
@@ -175,7 +176,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     ranks = {ROOT / name: rank for rank, name in enumerate(LONGEST)}
     items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
     for item in items:
-        if not any(item.get_closest_marker(kind) for kind in {*KINDS.values(), 'long'}):
+        if not any(item.get_closest_marker(kind) for kind in {*KINDS.values(), 'long'} - {'slow'}):
             item.add_marker(kind_of(item.path))
     result = yield
     lines = []

@@ -359,6 +359,7 @@ def used_s(pid):
     return sum(map(int, fields[11:13])) / os.sysconf('SC_CLK_TCK')
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_search_at_once_whenever_it_comes(folder, process, monkeypatch):
     # It builds its databases in compiled functions, up to half a second each.
     monkeypatch.setenv('XDG_CACHE_HOME', str(folder / 'cache'))
@@ -506,6 +507,7 @@ def test_an_annotated_picture_says_what_it_shows(folder):
         assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
 
 
+@pytest.mark.slow
 def test_calibrate_takes_a_folder_as_solve_does(folder):
     for path in IMAGES:
         cv2.imwrite(str(folder / Path(path).name), cv2.imread(path, cv2.IMREAD_UNCHANGED))

@@ -30,6 +30,7 @@ def dark_frame(shape, count, seed, size=1):
     return dark
 
 
+@pytest.mark.slow
 def test_a_dark_frame_and_a_list_of_its_pixels_are_the_same(image, tmp_path):
     """Squares of 3 px, so many that a short search does not find the stars among them."""
     dark = dark_frame(image.shape, 400, 1, size=3)
@@ -75,6 +76,7 @@ def test_wrong_dark_frames_are_named(image, tmp_path):
         solve_files([tmp_path / 'light.png'], dark_file=tmp_path / 'no.png')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('count', [150, 500])
 def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
     snow = dark_frame(image.shape, count, count, size=2)
