@@ -146,7 +146,8 @@ def test_a_player_pauses_while_it_is_inactive_and_begins_anew_after_cleanup(node
     probe.wait(lambda: len(received) >= 3, 'messages')
     assert manager.change('bag_player', DEACTIVATE)
     assert manager.state('bag_player') == INACTIVE
-    probe.spin_for(0.3)
+    # What was published before it has come by then.
+    probe.wait(lambda: probe.find_diagnostic('inactive', node='bag_player'), 'inactive')
     count = len(received)
     probe.spin_for(1.5)
     assert len(received) == count
