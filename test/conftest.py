@@ -198,17 +198,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     return result
 
 
-def pytest_collection_finish() -> None:
-    """Let no collection of garbage search what all tests together have imported: half a second."""
-    gc.collect()
-    gc.freeze()
-    gc.enable()
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection() -> Any:
+    """Let no collection of garbage search what the tests import, then or later: two seconds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let all processes of the tests log the calls that nothing has compiled beforehand."""
-    # Little of what is imported is garbage.
-    gc.disable()
     # A shell starts `make test &` with Ctrl-C ignored, which processes inherit.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if LOG not in os.environ:
