@@ -46,7 +46,7 @@ test: $(VENV)/package $(VENV)/tests $(VENV)/gnc
 
 # What neither starts nodes nor takes long, to be run after each change.
 test-core: $(VENV)/package $(VENV)/tests
-	@$(PYTEST) $(ON_BOTH_CORES) -m core test
+	@$(PYTEST) $(ON_BOTH_CORES) -m 'core and not slow' test
 
 # Campaigns, benches, faults and the closed loop, at the smallest size that shows they work.
 test-evaluation: $(VENV)/package $(VENV)/tests $(VENV)/gnc

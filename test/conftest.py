@@ -20,6 +20,9 @@ from typing import Any
 # Before NumPy is imported. Matrices are small here: two threads of BLAS, each of which waits in a
 # loop for the other, take many times the processor time of one.
 os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+# The tests use more databases than a cache of the default size holds: it would drop each before
+# another test needs it, and most of their processor time would be spent on building them again.
+os.environ['STARTRACKER_CACHE_MB'] = '4000'
 
 from browser import browser_page, find_chromium, Page  # noqa: E402, I100
 from hypothesis import settings  # noqa: E402
@@ -27,7 +30,8 @@ import pytest  # noqa: E402
 
 ROOT = Path(__file__).parent
 # By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
-# some, slow takes seconds of a processor. What is marked as long is not part of `make test`.
+# some, slow takes seconds of a processor. A test of the core may be marked as slow, too. What is
+# marked as long is not part of `make test`.
 KINDS = {
     '': 'core',
     'io/bags/test_damage.py': 'slow',
@@ -60,6 +64,8 @@ LONGEST = (
     'nodes/test_bag_player.py',
     'nodes/test_managed.py',
     'nodes/test_soak.py',
+    'nodes/test_false_lists.py',
+    'nodes/test_fisheye_nodes.py',
     'package/test_install.py',
     'test_compiled.py',
     'nodes/test_replay.py',
@@ -79,6 +85,9 @@ LONGEST = (
     'photographs/test_photographs.py',
     'photographs/test_solve.py',
     'core/stages/test_aberrated_stars.py',
+    'core/stages/test_solution_pair.py',
+    'core/camera/test_dark.py',
+    'tools/catalogue/test_catalogue.py',
     'tools/report/test_page.py',
     'test_manners.py',
     'core/centroid/test_extraction.py',
@@ -172,7 +181,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     ranks = {ROOT / name: rank for rank, name in enumerate(LONGEST)}
     items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
     for item in items:
-        if not any(item.get_closest_marker(kind) for kind in {*KINDS.values(), 'long'}):
+        if not any(item.get_closest_marker(kind) for kind in {*KINDS.values(), 'long'} - {'slow'}):
             item.add_marker(kind_of(item.path))
     result = yield
     lines = []
@@ -189,10 +198,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     return result
 
 
-def pytest_collection_finish() -> None:
-    """Let no collection of garbage search what all tests together have imported: half a second."""
-    gc.collect()
-    gc.freeze()
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection() -> Any:
+    """Let no collection of garbage search what the tests import, then or later: two seconds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config: pytest.Config) -> None:

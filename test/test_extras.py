@@ -87,6 +87,7 @@ def without_ros(tmp_path: Path) -> dict[str, str]:
     return {**os.environ, 'AMENT_PREFIX_PATH': '', 'PYTHONPATH': f'{root}{os.pathsep}{visible}'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('arguments, needs_ros', [
     (['info', '{bag}'], False), (['export', '{bag}', '-o', '{out}'], False),
     (['report', '{bag}', '-o', '{out}/report.html'], False),

@@ -359,6 +359,7 @@ def used_s(pid):
     return sum(map(int, fields[11:13])) / os.sysconf('SC_CLK_TCK')
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_search_at_once_whenever_it_comes(folder, process, monkeypatch):
     # It builds its databases in compiled functions, up to half a second each.
     monkeypatch.setenv('XDG_CACHE_HOME', str(folder / 'cache'))
@@ -368,7 +369,7 @@ def test_ctrl_c_ends_a_search_at_once_whenever_it_comes(folder, process, monkeyp
         image[v - 1:v + 2, u - 1:u + 2] += 60
     cv2.imwrite('no_sky.png', image.clip(0, 255).astype(np.uint8))
     took_s = []
-    for moment_s in (0.06, 0.3, 0.9, 1.5, 2.0, 2.5, 3.0):
+    for moment_s in (0.06, 0.3, 0.9, 1.5, 2.5):
         solve = process('solve', 'no_sky.png', stdout=subprocess.PIPE)
         while used_s(solve.pid) < moment_s:
             assert solve.poll() is None
@@ -506,6 +507,7 @@ def test_an_annotated_picture_says_what_it_shows(folder):
         assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
 
 
+@pytest.mark.slow
 def test_calibrate_takes_a_folder_as_solve_does(folder):
     for path in IMAGES:
         cv2.imwrite(str(folder / Path(path).name), cv2.imread(path, cv2.IMREAD_UNCHANGED))

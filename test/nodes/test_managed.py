@@ -146,7 +146,10 @@ def test_a_player_pauses_while_it_is_inactive_and_begins_anew_after_cleanup(node
     probe.wait(lambda: len(received) >= 3, 'messages')
     assert manager.change('bag_player', DEACTIVATE)
     assert manager.state('bag_player') == INACTIVE
-    probe.spin_for(0.3)
+    # What was published before has come before the next status but one.
+    probe.diagnostics.clear()
+    probe.wait(lambda: sum('inactive' in one.status.message for one in probe.diagnostics
+                           if one.node == 'bag_player') >= 2, 'inactive')
     count = len(received)
     probe.spin_for(1.5)
     assert len(received) == count

@@ -64,6 +64,7 @@ def test_a_field_of_any_width_is_found(identifier, fov_deg):
     assert solved >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('fov_deg', [1.3, 2.2])
 def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
     rng, solved = np.random.default_rng(4), 0

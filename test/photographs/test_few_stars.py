@@ -68,6 +68,7 @@ def test_six_stars_of_66_spots_are_found(identifier, table, scale):
     assert found >= 7
 
 
+@pytest.mark.slow
 def test_false_spots_have_no_attitude_and_an_honest_probability(identifier, table):
     """At most a share x of lists of false spots has a probability of x."""
     rng, least = np.random.default_rng(4), []
@@ -102,6 +103,7 @@ def test_the_probability_is_the_number_of_chance_fields():
     assert few_star_probability(50, 4, 4, 20, 1e-9, 1.0, (1.0, 1.0), e) == 1.0
 
 
+@pytest.mark.slow
 def test_the_ladder_finds_few_stars(identifier):
     """Its other searches do not find these."""
     ladder, rng = LadderIdentifier(identifier.camera, 2015.0, WIDE), np.random.default_rng(6)

@@ -24,6 +24,7 @@ def lists():
             for i in range(5)}
 
 
+@pytest.mark.slow
 def test_focal_length_centre_and_coefficients_come_back(lists):
     given = Camera.from_fov(1024, 768, np.degrees(LENS.seen_x_rad) * 1.02, 'equidistant')
     used, found = calibrate_lists(lists, given, EPOCH_YEAR, None, (), {})

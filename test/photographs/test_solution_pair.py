@@ -89,6 +89,7 @@ def test_of_a_calibrated_camera(name):
     check(solution, YEAR, vantage=vantage_near_earth(YEAR, np.zeros(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['narrow', 'wide', 'fisheye'])
 def test_of_a_camera_that_is_fitted(name):
     camera = LENSES[name]
@@ -118,6 +119,7 @@ def test_with_aberration_and_a_mosaic_of_colours(sky_data):
           vantage_near_earth(year, np.zeros(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('draw, fov_deg', [
     (lambda: draw_cropped(np.random.default_rng(4)), 74.2),
     (lambda: draw_night(np.random.default_rng(6), 'equisolid'), 174.0),

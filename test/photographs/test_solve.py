@@ -59,6 +59,7 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
     assert len(list(tmp_path.glob('*.png'))) == len(list(tmp_path.glob('*.wcs'))) == len(known)
 
 
+@pytest.mark.slow
 def test_hard_night_sky_of_6_degrees(sky_data):
     """
     The images that nobody solved have no known answer, but one camera took them all.
@@ -101,6 +102,7 @@ def test_mirrored_photographs_are_named_and_have_no_attitude(sky_data, tmp_path)
     assert flipped.conditions['mirror'] and 'mirror' not in straight.conditions
 
 
+@pytest.mark.slow
 def test_a_fits_image_without_row_order_is_solved_by_both(sky_data, tmp_path):
     name = known_rows(sky_data / 'night-sky-11deg')[0]['file']
     image = read_image(sky_data / 'night-sky-11deg' / name)
@@ -142,6 +144,7 @@ def taken_with_zone(sky_data, tmp_path):
     return tmp_path / 'zone.png', tmp_path / 'none.png'
 
 
+@pytest.mark.slow
 def test_the_epoch_is_that_of_exif_unless_there_is_an_option(taken_with_zone):
     zone, none = taken_with_zone
     result = solve_files([zone, none], fov_deg=11.4)
@@ -159,6 +162,7 @@ def test_the_epoch_is_that_of_exif_unless_there_is_an_option(taken_with_zone):
     assert 5 < np.hypot(*turn[:2]) < 41
 
 
+@pytest.mark.slow
 def test_refraction_needs_the_hour(taken_with_zone):
     site = ObserverSite(site=Site(52.2, 4.4, 0.0))
     zone, none = solve_files(taken_with_zone, fov_deg=11.4, observer_site=site).conditions[

@@ -30,6 +30,7 @@ def error_px(identifier, night, lenses=FISHEYES):
     return lens and night.error_px(SkyMapping(lens.camera, lens.attitude.quaternion))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('projection', [
     pytest.param(projection, marks=[pytest.mark.long] * (projection in LONG))
     for projection in PROJECTIONS])

@@ -146,9 +146,10 @@ class Soak(Rig):
         self._drain()
 
     def _is_recorded(self) -> bool:
-        """Return whether the recorder, which subscribes to what it finds, has the last topic."""
-        return any(one.node_name == 'bag_recorder'
-                   for one in self.probe.get_subscriptions_info_by_topic('attitude_imu'))
+        """Return whether the recorder, which subscribes to what it finds, has each stage."""
+        return all(any(one.node_name == 'bag_recorder'
+                       for one in self.probe.get_subscriptions_info_by_topic(topic))
+                   for topic in ('centroids', 'stars', 'tracks', 'attitude_imu'))
 
     def _drain(self) -> None:
         """Wait until no frame is in flight."""

@@ -37,7 +37,7 @@ def bootstrapped(statistic: Callable[..., float], *groups: np.ndarray) -> Estima
     percentile method).
     """
     rng = np.random.default_rng(len(groups[0]))
-    if not all(map(len, groups)):
+    if not all(np.isfinite(each).any() for each in groups):
         return Estimate(np.nan, np.nan, np.nan)
     resampled = [statistic(*(each[rng.integers(0, len(each), len(each))] for each in groups))
                  for _ in range(_RESAMPLES)]
@@ -47,12 +47,16 @@ def bootstrapped(statistic: Callable[..., float], *groups: np.ndarray) -> Estima
 
 def rms(values: np.ndarray) -> float:
     """Return the root mean square of values, those that are NaN left out."""
-    return float(np.sqrt(np.nanmean(np.square(values))))
+    return _root_of_mean(np.square(values))
+
+
+def _root_of_mean(squares: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else float('nan')
 
 
 def temporal_noise(errors: ImageErrors, axes: slice) -> Estimate:
     """Return the noise equivalent angle, with the rms of the Cramer-Rao bounds."""
-    bound = float(np.sqrt(np.nanmean(errors.bound[..., axes]))) / ARCSEC
+    bound = _root_of_mean(errors.bound[..., axes]) / ARCSEC
     return bootstrapped(rms, errors.noise[..., axes])._replace(bound=bound)
 
 

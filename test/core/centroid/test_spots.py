@@ -4,6 +4,7 @@
 """Spots of any shape: stars above a skyline, which is no star itself."""
 
 import numpy as np
+import pytest
 from startracker_ros.core.centroid.spots import find_spots, MAX_STARS
 
 HEIGHT, WIDTH, STARS = 600, 800, 40
@@ -50,6 +51,7 @@ def test_neighbours_and_slopes_leave_a_spot():
         assert np.linalg.norm(spots.uv - star, axis=1).min() < 0.5
 
 
+@pytest.mark.slow
 def test_spots_in_calm_surroundings_are_the_stars_beside_a_lit_tree():
     """All its leaves are brighter than the stars."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]

@@ -27,6 +27,7 @@ SKIES = {
     'defocus': lambda number: Sky(psf_sigma_px=0.8 + 2.2 * middle(number))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [
     'dusk', *(pytest.param(name, marks=pytest.mark.long)
               for name in ('fog', 'Moonrise', 'defocus'))])
@@ -39,6 +40,7 @@ def test_the_lock_is_kept_where_the_best_fixed_setting_has_stars(name):
     assert not watch.wrong
 
 
+@pytest.mark.slow
 def test_a_cloud_is_waited_for():
     """Nothing is seen for half of the time; the cloud is bright."""
     def sky(number):

@@ -350,6 +350,7 @@ def test_nees_with_gyro_and_heads_that_drop_out_and_no_jump():
     assert np.max(np.abs(errors) / sigma) < 4.5
 
 
+@pytest.mark.slow
 def test_a_noisy_gyro_makes_no_attitude_worse():
     squares = {}
     for gyro in (False, True):

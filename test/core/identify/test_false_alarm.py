@@ -62,6 +62,7 @@ def rejected(matches, misses, residual_sigmas, blended=False, false=0):
                          RADIUS, SIGMA, star, residual, matches - 3, CHANCE)
 
 
+@pytest.mark.slow
 def test_few_near_misses_do_not_outweigh_many_close_matches():
     assert not rejected(30, 6, 0.8)
     assert rejected(10, 15, 0.8)

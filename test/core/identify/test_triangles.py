@@ -123,6 +123,7 @@ def test_every_triangle_comes_once_and_a_false_star_is_soon_left():
     assert any(0 not in each for each in order[:4])
 
 
+@pytest.mark.slow
 def test_a_search_ends_within_a_triangle_when_time_is_up():
     """Of a triangle that fits everywhere: its lookup alone takes longer than a time limit."""
     rng = np.random.default_rng(4)

@@ -181,6 +181,7 @@ def test_patterns_against_a_slow_oracle(identifier):
     np.testing.assert_array_equal(again, cells)
 
 
+@pytest.mark.slow
 def test_without_a_usable_prediction_it_is_the_pyramid(identifier, onboard):
     rng = np.random.default_rng(9)
     pyramid = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))

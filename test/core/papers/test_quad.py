@@ -174,6 +174,7 @@ def test_random_attitudes(identifier, false, missing):
     assert solved >= 0.95 * count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('count', [25, pytest.param(100, marks=pytest.mark.long)])
 def test_false_stars_alone_are_never_accepted(hasty, count):
     rng = np.random.default_rng(5)
@@ -261,6 +262,7 @@ def test_the_stars_of_the_result_are_where_its_attitude_puts_them(identifier):
     assert np.abs(predicted - centroids.uv[known]).max() < 3
 
 
+@pytest.mark.slow
 def test_near_the_frame_before_the_search_is_in_the_predicted_field(identifier, monkeypatch):
     rng = np.random.default_rng(31)
     turn = np.array([*np.sin(np.radians([0.3, 0.2, 0.1]) / 2), 1.0])

@@ -115,6 +115,7 @@ def test_images_of_a_known_camera_are_solved_whatever_the_shape():
     assert solved == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('shape, sigma_px, rate_deg_s', [
     (of_each_part, 0.5, (0.0, 0.6, 0.0)), (of_all, 0.7, (0.0, 0.0, 0.0)),
     *(pytest.param(*case, marks=pytest.mark.long) for case in (
@@ -138,6 +139,7 @@ def test_static_shapes_are_no_motion(shape, sigma_px, rate_deg_s):
     assert published >= 0.95 * (FRAMES - 2)
 
 
+@pytest.mark.slow
 def test_ellipses_are_searched_and_measured_in_one_way():
     """Streaks or wide points: an image that was searched as one was measured as the other."""
     bell = np.exp(-0.5 * (6 * NODES) ** 2)

@@ -56,6 +56,7 @@ def nees(pairs):
                    np.array([one.covariance_sensor for one, _ in pairs]))
 
 
+@pytest.mark.slow
 def test_its_covariance_is_that_of_its_error(rows):
     assert len(rows) > 0.8 * SKIES * (FRAMES - SETTLED)
     # One frame in five is independent.

@@ -51,6 +51,7 @@ def test_one_image_a_second_is_searched_while_tracking():
     assert not all(windowed[5:])
 
 
+@pytest.mark.slow
 def test_stars_among_brighter_spots_are_acquired():
     """Most of the 40 brightest spots are false: only more of them hold enough stars."""
     spots = ArtefactOptions(star_like_spots=150)

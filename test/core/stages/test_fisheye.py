@@ -66,6 +66,7 @@ def test_images_of_a_fisheye_are_identified_and_tracked():
     assert direction[:, 2].min() < np.cos(np.radians(80))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('camera', [STEREOGRAPHIC, ORTHOGRAPHIC])
 def test_one_image_of_an_unknown_fisheye_gives_a_camera_to_fly_with(camera, tmp_path):
     simulator, file = simulator_of(camera), tmp_path / 'camera.yaml'
@@ -92,6 +93,7 @@ def test_one_image_of_an_unknown_fisheye_gives_a_camera_to_fly_with(camera, tmp_
     assert np.linalg.norm(error) < 0.1 * found.pixel_rad
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('projection, seed, before', [
     ('equidistant', [77, 25, 11], 0), *(pytest.param(*case, marks=pytest.mark.long) for case in (
         ('equisolid', [77, 31, 9], 0), ('orthographic', 721, 3)))])

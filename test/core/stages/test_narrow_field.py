@@ -6,6 +6,7 @@
 import re
 
 import numpy as np
+import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import load_deep_catalog, NUMBER_OFFSET, star_name
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -21,6 +22,7 @@ from startracker_ros.io.bags.layouts import STAR_DTYPE
 CAMERA, YEAR = Camera.from_fov(1024, 1024, 3.0), 2026.5
 
 
+@pytest.mark.slow
 def test_a_narrow_camera_identifies_tracks_and_publishes():
     sky = onboard_catalog(load_deep_catalog(), CAMERA, YEAR, 9.5)
     q = quaternion_from_pointing(*np.radians([200.0, 25.0, 40.0]))

@@ -54,6 +54,7 @@ def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
     assert np.mean([run[2] for run in runs]) == pytest.approx(jitter_s, rel=0.4)
 
 
+@pytest.mark.slow
 def test_good_stamps_and_manoeuvres_are_no_error_of_the_stamps():
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed)[2] for seed in range(10))
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed, jerk_deg_s=0.1)[2] for seed in range(10))

@@ -60,6 +60,7 @@ def history(basilisk):
     return History(steps, loop.plan)
 
 
+@pytest.mark.slow
 def test_it_goes_from_tumbling_through_all_phases(history):
     assert list(history.plan.begins_s) == list(Phase)
     assert history.in_control

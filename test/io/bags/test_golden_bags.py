@@ -180,6 +180,7 @@ def test_dropouts_are_bridged() -> None:
     assert set(states[1:]) == {'TRACKING'}
 
 
+@pytest.mark.slow
 def test_they_can_be_made_anew(tmp_path) -> None:
     subprocess.run([sys.executable, FOLDER / 'make.py', tmp_path], check=True, timeout=HANGS_S)
     for name in NAMES:

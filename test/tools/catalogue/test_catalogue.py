@@ -73,6 +73,7 @@ def inside(rng):
         [RA_DEG + rng.uniform(-3, 3), DEC_DEG + rng.uniform(-3, 3), rng.uniform(0, 360)]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('near', [True, False], ids=['near', 'blind'])
 @pytest.mark.parametrize('known', [True, False], ids=['known field', 'any field'])
 @pytest.mark.parametrize('fov_deg', [
@@ -119,6 +120,7 @@ def test_the_simulated_sky_is_denser_towards_the_milky_way():
     assert near / 0.17 > 4 * far / 0.13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('near', [True, False], ids=['near', 'blind'])
 def test_random_spots_are_no_field(catalogue, near):
     identifier, rng = TiledIdentifier(catalogue, YEAR), np.random.default_rng(3)
@@ -138,6 +140,7 @@ def test_a_mirrored_field_is_no_field(catalogue, monkeypatch):
     assert solve_list(identifier, flipped, identifier.fields(None), None) is None
 
 
+@pytest.mark.slow
 def test_the_quads_of_the_whole_sky_are_made_part_by_part(tmp_path, monkeypatch):
     """They are those that would be made of all stars at once."""
     monkeypatch.setattr(build, '_SLAB_STARS', 2000)
@@ -360,6 +363,7 @@ def picture(catalogue, fov_deg, rng):
     return np.clip(image, 0, 65535).astype(np.uint16), q
 
 
+@pytest.mark.slow
 def test_images_are_solved_by_command_and_library(catalogue, tmp_path):
     image, q = picture(catalogue, 0.4, np.random.default_rng(5))
     axis = matrix_from_quaternion(q)[:, 2]
@@ -394,6 +398,7 @@ def test_a_header_says_where_a_mount_is(tmp_path, cards, pointing_deg):
     assert found == (None if pointing_deg is None else pytest.approx(pointing_deg))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('near_deg, words', [
     ((180.0, -40.0), 'has no stars within 5 deg of right ascension 180, declination -40'),
     ((RA_DEG, DEC_DEG), 'stars in a field of')])

@@ -57,6 +57,7 @@ def test_calibrations_add_their_bias_and_their_scatter(errors):
         np.hypot(FOV, 0.4), rel=0.05)
 
 
+@pytest.mark.filterwarnings('error')
 def test_without_any_attitude_there_is_no_figure():
     nothing = np.full((3, SHIFTS, 3), np.nan)
     empty = ImageErrors(nothing, nothing, nothing, np.zeros(3, bool))

@@ -56,6 +56,7 @@ def contains(row, truth):
     return row.low <= truth <= row.high
 
 
+@pytest.mark.slow
 def test_a_clean_night_misses_no_goal():
     rows = rows_of(clean())
     assert [case for case, row in rows.items() if row.verdict == MISSED] == []
@@ -72,6 +73,7 @@ def test_the_sky_turns_too_slowly_for_the_stamps():
     assert 10 < rows['jitter'].high < 500
 
 
+@pytest.mark.slow
 def test_noise_and_drift_of_the_mount_are_found():
     rows = rows_of(faulty())
     for axis in ('cross boresight', 'about boresight'):
@@ -97,6 +99,7 @@ def test_a_lens_that_is_not_in_the_camera_file_is_found():
     assert rows['pixel spatial error, of a star'].verdict == MET
 
 
+@pytest.mark.slow
 def test_late_stamps_of_a_moving_mount_are_found():
     late = np.random.default_rng(3).normal(0, 1, 60)
     rows = rows_of(mounted(tuple(LATE_S * (late - late.mean()) / late.std())))
@@ -116,12 +119,14 @@ def test_a_constant_delay_shows_in_no_row_and_the_sheet_says_so():
         np.testing.assert_allclose(*ends, rtol=0.02, atol=0.02, err_msg=case)
 
 
+@pytest.mark.slow
 def test_the_lines_of_a_rolling_shutter_are_found_behind_a_moving_mount():
     rows = rows_of(mounted(None, DetectorOptions(line_time_us=200.0)))
     line = rows['time of a line, rolling shutter']
     assert contains(line, 200) and line.verdict == MISSED
 
 
+@pytest.mark.slow
 def test_air_that_is_not_there_is_noticed():
     low = OnEarth(east_rad=1.4)
     rows = rows_of(measure(
@@ -181,6 +186,7 @@ def test_a_mount_that_turns_is_no_tripod():
         measure(images(MOUNT, frames=24, step_s=2.0), CAMERA, AIRLESS, tracking=False)
 
 
+@pytest.mark.slow
 def test_a_frame_of_another_field_is_left_out():
     other = images(OnEarth(east_rad=1.0), frames=24)
     mixed = [wrong if number == 7 else right
@@ -190,6 +196,7 @@ def test_a_frame_of_another_field_is_left_out():
     assert rows['temporal noise, cross boresight'].high < 3
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_folder_a_site_and_a_simulated_sheet(folder):
     done, document = command(
         folder, '--camera', folder / 'camera.yaml', '--epoch', YEAR, '--interval-s', 6,
@@ -218,6 +225,7 @@ def test_the_command_says_what_is_missing(folder, tmp_path):
         assert done.exit_code == status and text in done.stderr, done.stderr
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_bag(folder, tmp_path):
     """Of a Bayer camera: camera_info is that of the sensor, whose cells have four equal pixels."""
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -39,6 +39,7 @@ def fitted(stars):
         [phase_columns(stars.uv), field_columns(stars.uv, CAMERA, DEGREE)], axis=-1))
 
 
+@pytest.mark.slow
 def test_without_a_pattern_none_is_found_but_by_chance():
     rng = np.random.default_rng(1)
     trials = 60

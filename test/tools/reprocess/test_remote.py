@@ -29,6 +29,7 @@ def memory(flight):
     system.rm('/flight', recursive=True)
 
 
+@pytest.mark.slow
 def test_a_flight_in_a_store_is_that_of_a_folder(memory, flight, reprocess, finished_run,
                                                  tmp_path):
     result = reprocess(['memory://flight'], tmp_path, smooth=True)
@@ -86,6 +87,7 @@ def test_a_file_that_is_another_one_by_now_is_no_damage(memory):
         read_topics(bag)
 
 
+@pytest.mark.slow
 def test_of_50_gb_only_the_index_and_the_chunks_of_the_star_tracker_are_read(
         flight, reprocess, finished_run, tmp_path):
     bag, = flight.glob('flight_*')

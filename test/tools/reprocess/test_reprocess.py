@@ -89,6 +89,7 @@ def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
     assert np.median(bounds[:, :2]) < 100 * ARCSEC
 
 
+@pytest.mark.slow
 def test_a_bayer_mosaic_has_the_attitudes_of_its_cells(reprocess, tmp_path):
     """camera_info is that of the sensor, with four equal pixels for each one of the recording."""
     recorded, found = Path(__file__).parents[3] / 'bags' / 'slew', {}

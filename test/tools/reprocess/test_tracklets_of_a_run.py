@@ -73,6 +73,7 @@ def test_the_message_has_the_keywords_of_the_standard():
     assert len(segment.data.observations) == 5
 
 
+@pytest.mark.slow
 def test_objects_of_a_flight_are_found_and_written(reprocess, tmp_path):
     flight = FlightOptions(days=0.0015, bag_hours=1.0, heads=1, magnitude_limit=5.5, fov_deg=15.0,
                            objects_hour=150.0, object_snr=20.0)
