@@ -17,9 +17,9 @@ from startracker_ros.core.locate.line_of_sight import LineOfSight, without_aberr
 from startracker_ros.core.locate.locator import Located, TargetLocator
 from startracker_ros.core.locate.observer import ObservedLine
 from startracker_ros.core.maths.gates import gate
-from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.maths.rotation import (
     angle_between, ARCSEC, east_and_north, unit_from_radec)
+from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.track.tracklets import tangent
 from startracker_ros.io.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.io.output import output_folder, write_output
