@@ -7,14 +7,11 @@ from collections.abc import Callable
 from functools import partial
 import sys
 from threading import Thread
-from typing import TYPE_CHECKING
 
 from startracker_ros.core.machine_code import machine_code_folder
-from startracker_ros.ros.diagnostics import WARN
+from startracker_ros.ros.diagnostics import Diagnostics, WARN
+from startracker_ros.ros.managed import ManagedNode
 from startracker_ros.ros.memory import return_free_memory
-
-if TYPE_CHECKING:
-    from startracker_ros.ros.node import PipelineNode
 
 _POLL_S = 0.02
 _LOADING = 'loading code'
@@ -29,11 +26,11 @@ class CodeLoading:
     later, is reported within a second. on_loaded() is called in the executor.
     """
 
-    def __init__(self, node: 'PipelineNode', warm_up: Callable[[], None],
-                 on_loaded: Callable[[], None]) -> None:
+    def __init__(self, node: ManagedNode, diagnostics: Diagnostics,
+                 warm_up: Callable[[], None], on_loaded: Callable[[], None]) -> None:
         self.is_loaded = False
         self.text = _text()
-        self._node, self._on_loaded = node, on_loaded
+        self._node, self._diagnostics, self._on_loaded = node, diagnostics, on_loaded
         self._error: BaseException | None = None
         self._thread = Thread(target=partial(self._load, warm_up), daemon=True,
                               name=f'{node.get_name()} code')
@@ -52,8 +49,8 @@ class CodeLoading:
 
     def report(self) -> None:
         """Report that the code is loaded or compiled."""
-        self._node.diagnostics.report(WARN, self.text, expected=True)
-        self._node.diagnostics.publish()
+        self._diagnostics.report(WARN, self.text, expected=True)
+        self._diagnostics.publish()
 
     def raise_error(self) -> None:
         """Raise what the thread has raised."""
@@ -73,7 +70,7 @@ class CodeLoading:
     def _say_compiling(self, name: str, done: int, count: int) -> None:
         progress = f', {done} of {count} done' if count > 1 else ''
         reason = '' if self.is_loaded else f' ({self.text.removeprefix("compiling ")})'
-        self._node.diagnostics.say_compiling(name and f'{name}{progress}{reason}')
+        self._diagnostics.say_compiling(name and f'{name}{progress}{reason}')
 
     def _check(self) -> None:
         if not self.is_running:

@@ -6,14 +6,15 @@
 from dataclasses import dataclass
 
 from startracker_ros.core.options import option, Options
-from startracker_ros.io.bags.layouts import SENSOR_FRAME_ID
+from startracker_ros.io.bags.layouts import INERTIAL_FRAME_ID, SENSOR_FRAME_ID
 
 
 @dataclass(frozen=True)
 class InertialFrameOptions(Options):
     """The inertial frame in message headers."""
 
-    inertial_frame_id: str = option('icrf', 'inertial frame of attitudes and odometry')
+    inertial_frame_id: str = option(
+        INERTIAL_FRAME_ID, 'inertial frame of attitudes and odometry')
 
 
 @dataclass(frozen=True)

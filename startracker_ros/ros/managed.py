@@ -9,8 +9,10 @@ import traceback
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.timer import Timer
 from startracker_ros.core.options import option, Options
 from startracker_ros.ros.messages.rclpy_internals import (
     end_transition, intercept_change_state, lifecycle_state, start_transition)
@@ -48,6 +50,10 @@ class ManagedNode(LifecycleNode):
         self._on_configured: Callable[[TransitionCallbackReturn], None] | None = None
         # The callback of rclpy 7.1.6 ends the process at a transition that the state has not.
         intercept_change_state(self, self._on_change_state)
+
+    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Return a timer of the steady clock, which runs while simulated time is stopped."""
+        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def configure(self) -> None:
         """Build what the node needs, out of its parameters."""

@@ -17,13 +17,11 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.options import Options
 from startracker_ros.io.bags.layouts import MessageError
@@ -101,7 +99,7 @@ class PipelineNode(ManagedNode):
 
     def load(self) -> None:
         """Begin to load the code, in a thread."""
-        self._code = CodeLoading(self, self.warm_up, self.on_loaded)
+        self._code = CodeLoading(self, self.diagnostics, self.warm_up, self.on_loaded)
 
     def warm_up(self) -> None:
         """Do what delays a first frame, in the thread, without anything of the node."""
@@ -230,10 +228,6 @@ class PipelineNode(ManagedNode):
             return publisher
         return self.composition.advertise(
             publisher, profile.durability is DurabilityPolicy.TRANSIENT_LOCAL)
-
-    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Return a timer of the steady clock, which runs while simulated time is stopped."""
-        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def advertise_trigger(self, name: str, act: Callable[[], tuple[bool, str]]) -> None:
         """Advertise the service ~/name (std_srvs/Trigger): act() returns success and message."""

@@ -5,6 +5,7 @@
 
 import ast
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 import re
 
@@ -93,6 +94,23 @@ def own_imports(path: Path) -> set[str]:
     return found - {None, unit_of(path)}
 
 
+def module_of(path: Path) -> str:
+    """Return the full name of the module in a file."""
+    package, folder = next(place for place in PLACES.items() if path.is_relative_to(place[1]))
+    parts = path.relative_to(folder).with_suffix('').parts
+    return '.'.join((package, *parts)).removesuffix('.__init__')
+
+
+def circle_of(imports: dict[str, frozenset[str]]) -> list[str]:
+    """Return modules of which each imports the one before it, empty without a circle."""
+    try:
+        # A package may import names of its own files.
+        TopologicalSorter({name: found - {name} for name, found in imports.items()}).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
 def files_of(unit: str) -> list[Path]:
     return [path for path in FILES if unit_of(path) == unit]
 
@@ -106,6 +124,15 @@ def test_imports_point_downward(unit):
     upward = {f'{in_map(path)} imports {other}' for path in files_of(unit)
               for other in own_imports(path) if LEVEL.get(other, -1) <= LEVEL[unit]}
     assert not upward
+
+
+def test_no_two_modules_import_each_other():
+    """Neither directly nor through others, imports in functions and for types included."""
+    imports = {module_of(path): imports_of(path) for path in FILES}
+    assert not circle_of(imports)
+    # Nodes need the rotations: with an import back there is a circle, through others.
+    back = {'startracker_ros.core.maths.rotation': frozenset({'startracker_ros.ros.camera_node'})}
+    assert circle_of(imports | back)
 
 
 def test_flight_code_does_not_import_the_simulator():

@@ -22,7 +22,7 @@ from startracker_evaluation.gnc.navigation import Navigation
 from startracker_evaluation.gnc.plan import Plan
 from startracker_evaluation.gnc.spacecraft import CONTROL_NS, tumbling
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import INERTIAL_FRAME_ID, ns_from_stamp, SENSOR_FRAME_ID
 from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
@@ -36,7 +36,6 @@ from startracker_ros.tools.demos.readiness import needs_of
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import DemoRow
 
-_INERTIAL, _SENSOR = 'icrf', 'star_tracker_optical_frame'
 _RATE_HZ = 1e9 / CONTROL_NS
 _PARAMETERS = {
     'use_sim_time': True, 'frame_rate_hz': _RATE_HZ, 'width': 1024, 'height': 1024,
@@ -104,7 +103,7 @@ class ClosedLoopDemo(LockStepDemo):
         self._clock.publish(Clock(clock=stamp_from_ns(stamp_ns)))
         self._motion.publish(motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
-            make_header(stamp_ns, _INERTIAL), _SENSOR))
+            make_header(stamp_ns, INERTIAL_FRAME_ID), SENSOR_FRAME_ID))
         self.await_attitudes(lambda: '' if self._answer[0] == stamp_ns else (
             f'the frame at {time_ns * 1e-9:.1f} s'))
         return self._answer[1]
@@ -149,7 +148,7 @@ class ClosedLoopDemo(LockStepDemo):
 
     def _publish_control(self, loop: ClosedLoop, step: Step) -> None:
         """Publish what the controller follows and exerts, for the bag."""
-        header = make_header(START_NS + step.time_ns, _INERTIAL)
+        header = make_header(START_NS + step.time_ns, INERTIAL_FRAME_ID)
         self._torque.publish(Vector3Stamped(
             header=make_header(START_NS + step.time_ns, 'body'),
             vector=vector_to_geometry(loop.torque_n_m)))

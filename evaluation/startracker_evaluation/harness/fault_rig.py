@@ -16,7 +16,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import INERTIAL_FRAME_ID, ns_from_stamp, SENSOR_FRAME_ID
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import attitude_from_pose, quaternion_from_message
 from startracker_ros.ros.messages.header import make_header
@@ -31,7 +31,6 @@ CAMERA = Camera.from_fov(512, 512, 12.0)
 FRAME_RATE_HZ = 10.0
 STEP_NS = round(1e9 / FRAME_RATE_HZ)
 RATE_DEG_S = (0.05, 0.1, 0.02)
-_SENSOR, _INERTIAL = 'star_tracker_optical_frame', 'icrf'
 _RECOVERED_FRAMES = 5
 """Consecutive frames with an attitude that count as a recovery."""
 _TRUTH_STEPS = 10
@@ -148,7 +147,7 @@ class FaultRig(Rig):
         for frame in self.frame_filter(Frame(
                 self._camera, simulated.image, self.stamp_ns,
                 simulated.state.q_icrf_from_sensor)):
-            header = make_header(frame.stamp_ns, _SENSOR)
+            header = make_header(frame.stamp_ns, SENSOR_FRAME_ID)
             self._truth[frame.stamp_ns] = frame.truth
             self.sent_s[frame.stamp_ns] = time.monotonic()
             self._camera_info.publish(camera_to_message(frame.camera, header))
@@ -165,7 +164,7 @@ class FaultRig(Rig):
         self._quaternions[ns_from_stamp(message.header.stamp)] = quaternion_from_message(message)
 
     def _on_attitude_cov(self, message: PoseWithCovarianceStamped) -> None:
-        quaternion, covariance = attitude_from_pose(message, _INERTIAL)
+        quaternion, covariance = attitude_from_pose(message, INERTIAL_FRAME_ID)
         matrix = matrix_from_quaternion(quaternion)
         self.attitudes.append(Attitude(
             ns_from_stamp(message.header.stamp), quaternion,

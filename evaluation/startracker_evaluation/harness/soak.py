@@ -18,7 +18,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotation_vector_from_quaternion)
-from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import ns_from_stamp, SENSOR_FRAME_ID
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
@@ -159,7 +159,7 @@ class Soak(Rig):
     def _send(self) -> None:
         index = self._index % LOOP_FRAMES
         stamp_ns = self._begin_ns + self._index * STEP_NS
-        header = make_header(stamp_ns, 'star_tracker_optical_frame')
+        header = make_header(stamp_ns, SENSOR_FRAME_ID)
         self._index += 1
         self._in_flight[stamp_ns] = index, time.monotonic()
         self._camera_info.publish(camera_to_message(CAMERA, header))

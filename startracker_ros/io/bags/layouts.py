@@ -44,6 +44,9 @@ TARGET_BODY = 10
 _OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS,
              PREDICTION_DTYPE: [('body', 'u1')]}
 
+INERTIAL_FRAME_ID = 'icrf'
+"""Frame of attitudes, odometry and targets: ICRF axes."""
+
 SENSOR_FRAME_ID = 'star_tracker_optical_frame'
 """Optical frame of a camera that has no name for it: images with an empty frame_id."""
 

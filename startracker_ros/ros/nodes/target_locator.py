@@ -14,7 +14,8 @@ from startracker_ros.core.locate.location import LocationOptions
 from startracker_ros.core.locate.locator import TargetLocator
 from startracker_ros.core.locate.observer import Observer, ObserverOptions
 from startracker_ros.core.options import option, Options
-from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.io.bags.layouts import (
+    camera_from_message, INERTIAL_FRAME_ID, MessageError, ns_from_stamp)
 from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import WARN
@@ -31,7 +32,8 @@ class PairOptions(Options):
     observer_1: str = option('tracker_1', 'namespace of the star tracker at whose frames the '
                              'target is located', read_only=True)
     observer_2: str = option('tracker_2', 'namespace of the other star tracker', read_only=True)
-    inertial_frame_id: str = option('icrf', 'inertial frame of attitudes, odometry and target')
+    inertial_frame_id: str = option(
+        INERTIAL_FRAME_ID, 'inertial frame of attitudes, odometry and target')
 
 
 class TargetLocatorNode(PipelineNode):

@@ -19,7 +19,7 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.layouts import CENTROID_DTYPE
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, INERTIAL_FRAME_ID
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.io.output import output_folder, write_output
@@ -29,7 +29,6 @@ from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.sim.flights.truth import Truth
 
 HEADS = ('head_1', 'head_2')
-INERTIAL = 'icrf'
 TRUTH_FILE = 'truth.json'
 _CHUNK_S = 60.0
 _ODOMETRY_S = 10.0
@@ -136,10 +135,11 @@ def _head_messages(truth: Truth, head: int, time_s: np.ndarray, interval_s: floa
             last_s = time_s[index]
             position_m, velocity_m_s = truth.orbit.at(last_s)
             add(stamp_ns, 'odometry', cdr.odometry(
-                stamp_ns, INERTIAL, INERTIAL, position_m, velocity_m_s, 25.0, 1e-4))
+                stamp_ns, INERTIAL_FRAME_ID, INERTIAL_FRAME_ID, position_m, velocity_m_s, 25.0,
+                1e-4))
         add(stamp_ns, 'imu', cdr.gyro_imu(stamp_ns, frame_id, rates[index], sigma_rad_s))
         add(stamp_ns, 'truth/attitude',
-            cdr.quaternion_stamped(stamp_ns, INERTIAL, quaternion[index]))
+            cdr.quaternion_stamped(stamp_ns, INERTIAL_FRAME_ID, quaternion[index]))
         add(stamp_ns, 'centroids', cdr.point_cloud(stamp_ns, frame_id, frames[index]),
             _LATENCY_NS)
     return messages

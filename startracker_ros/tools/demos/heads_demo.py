@@ -18,7 +18,8 @@ from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.fusion.mounts import Mount, save_mounts
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
-from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.layouts import (
+    INERTIAL_FRAME_ID, ns_from_stamp, read_cloud, STAR_DTYPE)
 from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
@@ -38,7 +39,7 @@ from startracker_ros.tools.figures.rows import DemoRow
 
 FRAME_RATE_HZ = 5.0
 _HEADS = tuple(MOUNTS)
-_INERTIAL, _BODY = 'icrf', 'base_link'
+_BODY = 'base_link'
 _FUSION_S = 60.0
 EXCLUSION_DEG = {'Sun': 25.0, 'Moon': 10.0, 'Earth': 15.0}
 # Their glare fills the image two degrees nearer: the last stars fade within the exclusion angle.
@@ -168,7 +169,7 @@ class HeadsDemo(LockStepDemo):
     def _step(self, stamp_ns: int) -> None:
         """Publish the truth of a frame, and wait for the attitudes of all heads."""
         state = self._motion.at((stamp_ns - START_NS) * 1e-9)
-        header = make_header(stamp_ns, _INERTIAL)
+        header = make_header(stamp_ns, INERTIAL_FRAME_ID)
         self._stamps_ns.append(stamp_ns)
         self._clock.publish(Clock(clock=stamp_from_ns(stamp_ns)))
         self._truth.publish(quaternion_to_message(state.q_icrf_from_sensor, header))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX, stretch
+from startracker_ros.io.bags.layouts import INERTIAL_FRAME_ID, SENSOR_FRAME_ID
 from startracker_ros.io.recordings.frames import read_frame
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
@@ -67,8 +68,8 @@ def _draw_sky(axes: Any, recording: Recording, stamp_ns: int) -> None:
     axes.set_facecolor(_DARK)
     axes.set_axis_off()
     axes.scatter(*stars.T, c=rows['magnitude'], cmap='turbo', vmin=0, vmax=8, s=9)
-    for matrix, length, label in ((np.eye(3), 0.4, 'icrf'), (
-            matrix_from_quaternion(quaternion), 0.4, 'star_tracker_optical_frame')):
+    for matrix, length, label in ((np.eye(3), 0.4, INERTIAL_FRAME_ID), (
+            matrix_from_quaternion(quaternion), 0.4, SENSOR_FRAME_ID)):
         for column, colour in enumerate(('#ff5555', '#55ff55', '#5599ff')):
             axes.plot(*np.stack([np.zeros(3), length * matrix[:, column]], -1), color=colour)
         axes.text(*(length * matrix[:, 2]), f'{label}\n', color='white',

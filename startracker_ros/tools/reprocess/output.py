@@ -17,11 +17,11 @@ from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import (
     centroid_rows, star_rows, STATE_NAME, track_rows, tracker_state_values)
+from startracker_ros.io.bags.layouts import INERTIAL_FRAME_ID
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.io.recordings.recording import full_name
 
-INERTIAL = 'icrf'
 TOPICS = {
     'camera_info': cdr.CAMERA_INFO, 'centroids': cdr.POINT_CLOUD, 'stars': cdr.POINT_CLOUD,
     'tracked_attitude': cdr.IMU, 'tracks': cdr.POINT_CLOUD, 'tracker_state': cdr.STATUS,
@@ -90,14 +90,14 @@ class SegmentBag:
         if attitude is not None:
             q = attitude.quaternion
             if sends('attitude'):
-                send('attitude', cdr.quaternion_stamped(stamp_ns, INERTIAL, q))
+                send('attitude', cdr.quaternion_stamped(stamp_ns, INERTIAL_FRAME_ID, q))
             if sends('attitude_cov'):
-                send('attitude_cov', cdr.pose_stamped(stamp_ns, INERTIAL, q, covariance))
+                send('attitude_cov', cdr.pose_stamped(stamp_ns, INERTIAL_FRAME_ID, q, covariance))
             if sends('protection_level'):
                 send('protection_level', cdr.vector_stamped(
                     stamp_ns, frame_id, attitude.protection_rad))
             if sends('attitude_transform'):
-                send('attitude_transform', cdr.transform(stamp_ns, INERTIAL, frame_id, q))
+                send('attitude_transform', cdr.transform(stamp_ns, INERTIAL_FRAME_ID, frame_id, q))
         if sends('attitude_imu'):
             send('attitude_imu', _imu(stamp_ns, frame_id, frame, attitude, covariance))
 

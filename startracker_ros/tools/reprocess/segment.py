@@ -21,14 +21,14 @@ from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
-    read_cloud, SENSOR_FRAME_ID)
+    camera_from_message, CENTROID_DTYPE, image_from_message, INERTIAL_FRAME_ID, MessageError,
+    ns_from_stamp, read_cloud, SENSOR_FRAME_ID)
 from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
 from startracker_ros.io.recordings.recording import full_name
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, FrameFit, Stars
 from startracker_ros.tools.reprocess.leftovers import Leftovers
-from startracker_ros.tools.reprocess.output import INERTIAL, SegmentBag
+from startracker_ros.tools.reprocess.output import SegmentBag
 from startracker_ros.tools.reprocess.plan import IMAGE, Segment
 from startracker_ros.tools.reprocess.smoothing import Smoothing
 from startracker_ros.tools.reprocess.tables import FittedStars, NO_STARS, SegmentTables
@@ -117,7 +117,7 @@ class SegmentRun:
 
     def _on_odometry(self, message: BagMessage) -> None:
         decoded = _decoded(message)
-        state = state_from_odometry(decoded, INERTIAL)
+        state = state_from_odometry(decoded, INERTIAL_FRAME_ID)
         stamp_ns = ns_from_stamp(decoded.header.stamp)
         self._pipeline_at(stamp_ns, message.log_time_ns).motion.add_state(stamp_ns, state)
 
