@@ -46,21 +46,22 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, name: st
         cwd=root, env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
-    module = evaluation if name in evaluation.EXTRAS else extras
+    module = evaluation if name in evaluation.libraries() else extras
     assert done.stderr.strip() == (
         f'startracker: {words}: {module.install_hint(name)}' if words else '')
 
 
 def test_a_hint_is_a_command_that_works() -> None:
     """The package is on no index: libraries by name, with versions that a shell leaves alone."""
-    for folder, module in (('.', extras), ('./evaluation', evaluation)):
-        for name, libraries in module.EXTRAS.items():
+    for folder, module, optional in (('.', extras, extras.EXTRAS),
+                                     ('./evaluation', evaluation, evaluation.libraries())):
+        for name, libraries in optional.items():
             by_name, _, clone = module.install_hint(name).partition(', or ')
             assert shlex.split(by_name) == ['pip', 'install', *libraries]
             assert clone == f"pip install '{folder}[{name}]' in a clone of startracker_ros"
     root = Path(__file__).parents[1]
     project = tomllib.loads((root / 'evaluation' / 'pyproject.toml').read_text())['project']
-    assert project['optional-dependencies'] == evaluation.EXTRAS
+    assert project['optional-dependencies'] == evaluation.libraries()
     texts = [root / 'README.md', *(root / 'docs').glob('*.md'),
              *(root / 'startracker_ros').rglob('*.py')]
     assert [path for path in texts if re.search(r'install \S?startracker_ros', path.read_text())

@@ -73,9 +73,18 @@ def _commits_since(document: dict[str, Any], root: Path) -> int | None:
     return int(done.stdout)
 
 
+# Files that results name, and where their content is now.
+_MERGED = {'bench/bag_read.py': 'bench/bag.py', 'bench/photographs.py': 'bench/real_sky.py',
+           'bench/sparse_bag.py': 'bench/constellation.py',
+           'campaign/heads_hint.py': 'campaign/heads.py',
+           'campaign/heads_tracker.py': 'campaign/heads.py',
+           'campaign/integrity_images.py': 'campaign/integrity.py'}
+
+
 def _source(path: str) -> str:
     """Return the path in the repository of a folder or file that a result names."""
     folder, _, rest = path.partition('/')
+    rest = _MERGED.get(rest, rest)
     return (f'evaluation/startracker_evaluation/{rest}' if folder == 'evaluation' else
             f'startracker_ros/{path}')
 

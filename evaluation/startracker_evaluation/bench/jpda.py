@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from rich.progress import track as progress
-from startracker_evaluation.bench import moving_targets as scene
-from startracker_evaluation.bench.moving_targets import moving_targets, Targets
 from startracker_evaluation.extras import peer_versions
 from startracker_ros.core.centroid.centroids import round_errors
 from startracker_ros.core.papers.jpdaf import predict, update
@@ -26,14 +24,101 @@ from startracker_ros.tools.figures.machine import installed_version, machine, PA
 from startracker_ros.tools.figures.rows import Check, combined
 from startracker_ros.tools.figures.timing import cpu_timed, garbage_collector_off
 
+# --- targets that move with constant velocity: apart, crossing, in close pairs ---
+
+SIDE_PX = 1024
+FRAMES = 40
+DT_S = 0.1
+SIGMA_PX = 0.15
+ACCELERATION_PX_S2 = 0.2
+DETECTION_PROBABILITY = 0.95
+SPEED_PX_S = 8.0
+CLOSE_PX = 0.6
+SCENES = ('apart', 'crossing', 'close')
+
+_START_VARIANCE = np.array([SIGMA_PX ** 2, 1.0, SIGMA_PX ** 2, 1.0])
+
+
+@dataclass(frozen=True)
+class Targets:
+    """
+    One run: truth (F + 1, N, 4) as in motion_models, from the start on.
+
+    state (N, 4) and covariance (N, 4, 4) are the initial estimate of a filter; frames
+    holds the centroids (M, 2) of each frame after it, in random order.
+    """
+
+    truth: np.ndarray
+    state: np.ndarray
+    covariance: np.ndarray
+    frames: list[np.ndarray]
+
+
+def moving_targets(kind: str, tracks: int, clutter: int, rng: np.random.Generator) -> Targets:
+    """
+    Return a run of one of the SCENES.
+
+    Pairs that cross pass within a pixel at half time, at angles of 10 to 150 deg; close pairs
+    begin CLOSE_PX apart side by side. All accelerate at random.
+    """
+    middle = _pairs(kind, (tracks + 1) // 2, rng)[:tracks]
+    half = 0 if kind == 'close' else FRAMES // 2
+    transition, _ = constant_velocity(DT_S, (ACCELERATION_PX_S2, ACCELERATION_PX_S2))
+    back = np.linalg.inv(transition)
+    truth = np.empty((FRAMES + 1, tracks, 4))
+    truth[half] = middle
+    # An acceleration along u changes u and u_rate, one along v the other two.
+    acceleration = rng.normal(0, ACCELERATION_PX_S2, (FRAMES, tracks, 2))
+    change = np.einsum('fna,ai->fni', acceleration, np.array(
+        [[DT_S ** 2 / 2, DT_S, 0, 0], [0, 0, DT_S ** 2 / 2, DT_S]]))
+    for frame in range(half, FRAMES):
+        truth[frame + 1] = truth[frame] @ transition.T + change[frame]
+    for frame in range(half, 0, -1):
+        truth[frame - 1] = (truth[frame] - change[frame - 1]) @ back.T
+    return Targets(
+        truth, truth[0] + rng.normal(0, np.sqrt(_START_VARIANCE), (tracks, 4)),
+        np.tile(np.diag(_START_VARIANCE), (tracks, 1, 1)),
+        [_detections(truth[frame, :, ::2], clutter, rng) for frame in range(1, FRAMES + 1)])
+
+
+def _pairs(kind: str, pairs: int, rng: np.random.Generator) -> np.ndarray:
+    """Return states (2 P, 4) of pairs, one after another."""
+    position = rng.uniform(0, SIDE_PX, (pairs, 1, 2)).repeat(2, axis=1)
+    heading = rng.uniform(0, 2 * np.pi, (pairs, 1)).repeat(2, axis=1)
+    aside = rng.uniform(0, 2 * np.pi, pairs)
+    aside = np.stack([np.cos(aside), np.sin(aside)], -1)
+    if kind == 'apart':
+        position = rng.uniform(0, SIDE_PX, (pairs, 2, 2))
+        heading = rng.uniform(0, 2 * np.pi, (pairs, 2))
+    elif kind == 'crossing':
+        heading[:, 1] += np.radians(rng.uniform(10, 150, pairs))
+        position[:, 1] += rng.uniform(0, 1, (pairs, 1)) * aside
+    else:
+        position[:, 1] += CLOSE_PX * aside
+    state = np.empty((pairs, 2, 4))
+    state[..., ::2] = position
+    state[..., 1] = SPEED_PX_S * np.cos(heading)
+    state[..., 3] = SPEED_PX_S * np.sin(heading)
+    return state.reshape(-1, 4)
+
+
+def _detections(uv: np.ndarray, clutter: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the noisy positions of detected targets and the clutter, in random order."""
+    seen = uv[rng.random(len(uv)) < DETECTION_PROBABILITY]
+    return rng.permutation(np.concatenate([
+        seen + rng.normal(0, SIGMA_PX, seen.shape), rng.uniform(0, SIDE_PX, (clutter, 2))]))
+
+
+# --- filters ---
+
 TRACKS = (4, 10, 20, 40, 100, 200)
 CLUTTER = (2, 10)
 GATE_PROBABILITY = 0.9999
 LARGEST_OF_PEERS = 40
 """More tracks run without the peers, which would need seconds for a frame."""
 
-_ACCELERATION = (scene.ACCELERATION_PX_S2, scene.ACCELERATION_PX_S2)
-_VARIANCE = scene.SIGMA_PX ** 2
+_ACCELERATION = (ACCELERATION_PX_S2, ACCELERATION_PX_S2)
+_VARIANCE = SIGMA_PX ** 2
 
 
 class Filter(ABC):
@@ -64,7 +149,7 @@ class Ours(Filter):
 
     def __init__(self, targets: Targets, clutter: int) -> None:
         self._state, self._covariance = targets.state, targets.covariance
-        self._clutter_px2 = clutter / scene.SIDE_PX ** 2
+        self._clutter_px2 = clutter / SIDE_PX ** 2
         self._gate = gate_size(GATE_PROBABILITY)
 
     def measurements(self, uv: np.ndarray) -> Any:
@@ -72,12 +157,12 @@ class Ours(Filter):
 
     def step(self, measurements: Any) -> None:
         uv, variance = measurements
-        transition, noise = constant_velocity(scene.DT_S, _ACCELERATION)
+        transition, noise = constant_velocity(DT_S, _ACCELERATION)
         state, covariance = predict(self._state, self._covariance, transition, noise)
         density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
                                 round_errors(variance), self._gate)
         probability = joint_probabilities(event_weights(
-            density, scene.DETECTION_PROBABILITY, GATE_PROBABILITY, self._clutter_px2))
+            density, DETECTION_PROBABILITY, GATE_PROBABILITY, self._clutter_px2))
         self._state, self._covariance = update(state, covariance, uv, variance, probability)
 
     @property
@@ -96,7 +181,7 @@ class StoneSoup(Filter):
             'models.transition.linear', 'models.measurement.linear', 'predictor.kalman',
             'updater.probability', 'hypothesiser.probability', 'types.track', 'types.state',
             'types.detection')}
-        transition, noise = constant_velocity(scene.DT_S, _ACCELERATION)
+        transition, noise = constant_velocity(DT_S, _ACCELERATION)
         model = soup['models.transition.linear'].LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=transition, covariance_matrix=noise)
         self._measured = soup['models.measurement.linear'].LinearGaussian(
@@ -107,8 +192,8 @@ class StoneSoup(Filter):
         self._associator = getattr(import_module(module), name)(
             soup['hypothesiser.probability'].PDAHypothesiser(
                 soup['predictor.kalman'].KalmanPredictor(model), self._updater,
-                clutter_spatial_density=clutter / scene.SIDE_PX ** 2,
-                prob_detect=scene.DETECTION_PROBABILITY, prob_gate=GATE_PROBABILITY))
+                clutter_spatial_density=clutter / SIDE_PX ** 2,
+                prob_detect=DETECTION_PROBABILITY, prob_gate=GATE_PROBABILITY))
         self._now = datetime(2026, 1, 1)
         self._tracks = [
             soup['types.track'].Track([soup['types.state'].GaussianState(
@@ -116,7 +201,7 @@ class StoneSoup(Filter):
             for state, covariance in zip(targets.state, targets.covariance)]
 
     def measurements(self, uv: np.ndarray) -> Any:
-        self._now += timedelta(seconds=scene.DT_S)
+        self._now += timedelta(seconds=DT_S)
         return {self._detection(each, timestamp=self._now, measurement_model=self._measured)
                 for each in uv}
 
@@ -185,7 +270,7 @@ def measure(kind: str, tracks: int, clutter: int, trials: int, seed: int,
     for name, make in filters.items():
         # Warm-up: the first run compiles, imports and fills caches.
         run(make, moving_targets(kind, 4, clutter, np.random.default_rng(0)), clutter, Tally())
-        rng = np.random.default_rng((seed, scene.SCENES.index(kind), tracks, clutter))
+        rng = np.random.default_rng((seed, SCENES.index(kind), tracks, clutter))
         for _ in range(trials):
             run(make, moving_targets(kind, tracks, clutter, rng), clutter, tallies[name])
     return tallies
@@ -235,7 +320,7 @@ def rows(kind: str, tracks: int, clutter: int, tallies: Mapping[str, Tally]
         yield FilterRow(kind, tracks, clutter, name, **tally.figures, bound=bound, holds=holds)
 
 
-def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = scene.SCENES,
+def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = SCENES,
                    tracks: Sequence[int] = TRACKS) -> Result:
     """Run all filters through each scene, number of tracks and number of clutter points."""
     installed = {name: make for name, make in FILTERS.items() if installed_version(make.package)
@@ -248,12 +333,12 @@ def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = scene.SCEN
                       measure(kind, count, clutter, trials, seed, filters))
     return Result('bench jpda', table, {
         'machine': machine(),
-        'targets': f'{scene.FRAMES} frames of {scene.DT_S:g} s, {scene.SIDE_PX} x '
-                   f'{scene.SIDE_PX} px, sigma {scene.SIGMA_PX:g} px, seen '
-                   f'{scene.DETECTION_PROBABILITY:.0%}, {scene.SPEED_PX_S:g} px/s and white '
-                   f'acceleration of {scene.ACCELERATION_PX_S2:g} px/s^2',
+        'targets': f'{FRAMES} frames of {DT_S:g} s, {SIDE_PX} x '
+                   f'{SIDE_PX} px, sigma {SIGMA_PX:g} px, seen '
+                   f'{DETECTION_PROBABILITY:.0%}, {SPEED_PX_S:g} px/s and white '
+                   f'acceleration of {ACCELERATION_PX_S2:g} px/s^2',
         'scenes': 'crossing: pairs pass within 1 px at half time, at 10 to 150 deg; close: '
-                  f'pairs side by side, {scene.CLOSE_PX:g} px apart at first',
+                  f'pairs side by side, {CLOSE_PX:g} px apart at first',
         'filters': 'constant velocity with the noise of the targets, gate '
                    f'{GATE_PROBABILITY:g}, true clutter density',
         'rms_px': 'per axis, all frames, of tracks that end at their own target',

@@ -7,24 +7,159 @@ from collections.abc import Callable, Sequence
 import time
 
 import numpy as np
-from startracker_evaluation.campaign.heads_hint import hint_rows, hint_runs
 from startracker_evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
-from startracker_evaluation.campaign.heads_tracker import (
-    TRACKER_CONDITIONS, tracker_rows, tracker_runs)
+from startracker_evaluation.campaign.integrity import CONDITIONS, run_of
+from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
 from startracker_ros.core.fusion.mounts import MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, Measurement
 from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
+from startracker_ros.core.stages.identification import IdentificationStage
+from startracker_ros.core.track.track_filter import TrackFilter
+from startracker_ros.core.track.tracks import Hint
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import (
-    count_wrong, nees_of, WRONG_SHARE, WRONG_TEXT, WrongCount)
+    count_wrong, nees_of, verdict, WRONG_SHARE, WRONG_TEXT, WrongCount)
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.parallel import Trials
+
+# --- frames of the real tracker as measurements of a fusion ---
+
+_TRACKER_SETTLED = 10  # frames after a start
+_EXPOSURE_S = (0.0, 0.0)  # an unknown one would be a doubt in the covariance of a frame
+
+TRACKER_CONDITIONS = ('steady turn', 'slews to 1 deg/s', 'mirrored image',
+                      'focal length off by 1 %')
+"""Of the integrity campaign; the last two must give a fusion nothing."""
+
+
+def tracker_runs(condition: str, runs: int, seed: int) -> np.ndarray:
+    """
+    Return sums over so many runs, (1, 9).
+
+    Frames, frames with frame_attitude, the sum of its NEES and of its squared errors in arcsec^2
+    (3); pairs of frames in a row, and the sum of the products of their normalised errors of
+    frame_attitude (1) and of tracked_attitude (1), means of the three axes.
+    """
+    rng, sums = np.random.default_rng(seed), np.zeros(9)
+    for _ in range(runs):
+        before: tuple[np.ndarray, np.ndarray] | None = None
+        for index, (pipeline, frame, truth, _) in enumerate(run_of(
+                    CONDITIONS[condition], rng, _EXPOSURE_S)):
+            measured = pipeline.tracker.frame_attitude
+            sums[0] += 1
+            if measured is None or frame.tracked is None or index < _TRACKER_SETTLED:
+                before = None
+                continue
+            error = attitude_error(measured.quaternion, truth)
+            tracked = frame.tracked.attitude
+            both = (_whitened(error, measured.covariance_sensor), _whitened(
+                attitude_error(tracked.quaternion, truth), tracked.covariance_sensor))
+            sums[1:3] += 1, both[0] @ both[0]
+            sums[3:6] += np.square(error / ARCSEC)
+            if before is not None:
+                sums[6:9] += 1, both[0] @ before[0] / 3, both[1] @ before[1] / 3
+            before = both
+    return sums[None]
+
+
+def _whitened(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(np.linalg.cholesky(covariance), error)
+
+
+def tracker_rows(condition: str, rows: np.ndarray) -> list[Row]:
+    """Return the rows of one condition out of sums (parts, 9)."""
+    measured, nees, x2, y2, z2, pairs, product, tracked_product = rows.sum(axis=0)[1:]
+    if condition in ('mirrored image', 'focal length off by 1 %'):
+        return [Row(f'tracker, {condition}: frames for a fusion', measured, 'frames', exactly=0)]
+    correlation = product / pairs
+    return [
+        Row(f'tracker, {condition}: NEES of frame_attitude', nees / measured, '', least=2.7,
+            most=3.3),
+        Row(f'tracker, {condition}: correlation of its frames in a row', correlation, '',
+            '<= 0.05', abs(correlation) <= 0.05),
+        Row(f'tracker, {condition}: the same of tracked_attitude', tracked_product / pairs, ''),
+        Row(f'tracker, {condition}: error across the boresight',
+            float(np.sqrt((x2 + y2) / 2 / measured)), 'arcsec'),
+        Row(f'tracker, {condition}: error in roll', float(np.sqrt(z2 / measured)), 'arcsec')]
+
+
+# --- re-acquisition of a head by a hint ---
+
+_CAMERA, _EPOCH_YEAR = Camera.from_fov(1024, 1024, 12.0), 2026.5
+_HINT_RAD = np.radians(1.0)
+_RATE = np.radians([0.2, -0.1, 0.3])
+_MOST_STARS, _FAINTEST, _SIGMA_PX = 40, 6.5, 0.1
+_HINT_AGE_S, _STEP_S = 0.2, 0.2
+_STARTS, _LAST = 40, 5  # in a run; frames after which a start has failed
+
+
+def hint_runs(runs: int, seed: int) -> np.ndarray:
+    """
+    Return frames to an attitude, whether it is wrong and gross, processor time in ms of starts.
+
+    The time is that of the first frame: tracker, identification lost in space, start.
+    """
+    rng, epoch_ns = np.random.default_rng(seed), stamp_from_epoch_year(_EPOCH_YEAR)
+    sky = onboard_catalog(load_catalog(), _CAMERA, _EPOCH_YEAR, _FAINTEST)
+    stage = IdentificationStage(_CAMERA, _EPOCH_YEAR)
+    TrackFilter(_CAMERA, sky).warm_up()
+    rows = []
+    for start in range(_STARTS * runs):
+        q, tracker = random_attitude(rng), TrackFilter(_CAMERA, sky)
+        first_ns = epoch_ns + start * 10 ** 9
+        hinted = turned(turned(q, -_RATE * _HINT_AGE_S), _HINT_RAD * rng.standard_normal(3))
+        tracker.add_hint(Hint(first_ns - round(_HINT_AGE_S * 1e9), hinted,
+                              np.eye(3) * _HINT_RAD ** 2, _RATE, np.eye(3) * 1e-10))
+        spent_s = []
+        for frame in range(_LAST):
+            stamp_ns, truth = first_ns + round(frame * _STEP_S * 1e9), turned(
+                q, _RATE * frame * _STEP_S)
+            centroids, _ = star_list(sky, _CAMERA, truth, _SIGMA_PX, rng)
+            centroids = centroids.select(np.argsort(-centroids.flux)[:_MOST_STARS])
+            begin_s = time.process_time()
+            tracker.update(stamp_ns, centroids)
+            identified, used = stage.identify(stamp_ns, centroids)
+            tracker.identified(stamp_ns, used, identified.hip)
+            spent_s.append(time.process_time() - begin_s)
+            if tracker.attitude is not None:
+                break
+        rows.append([*_start_result(tracker, truth, len(spent_s)), spent_s[0] * 1e3])
+    return np.array(rows)
+
+
+def _start_result(tracker: TrackFilter, truth: np.ndarray, frames: int
+                  ) -> tuple[float, float, float]:
+    """Return frames to an attitude, infinite without one, and whether it is wrong and gross."""
+    tracked = tracker.attitude
+    if tracked is None:
+        return np.inf, 0.0, 0.0
+    estimate = tracked.attitude
+    return frames, *verdict(estimate.quaternion, estimate.covariance_sensor, truth)
+
+
+def hint_rows(case: str, rows: np.ndarray) -> list[Row]:
+    """Return the rows of starts (N, 4)."""
+    frames, (wrong, gross) = float(rows[:, 0].max()), rows[:, 1:3].sum(axis=0)
+    spent_ms = float(np.median(rows[:, 3]))
+    return [Row('re-acquisition by a hint of 1 deg: starts', len(rows), ''),
+            Row('re-acquisition by a hint of 1 deg: frames, at most', frames, 'frames', most=1),
+            *(Row(f're-acquisition by a hint of 1 deg: {kind} attitudes', count, '',
+                  exactly=0) for kind, count in (('wrong', wrong), ('gross', gross))),
+            Row('re-acquisition by a hint of 1 deg: processor time', spent_ms, 'ms', most=0.5)]
+
+
+# --- fused heads ---
 
 _KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 _LEARNT = MountOptions(mount_sigma_arcsec=3.0)

@@ -68,8 +68,7 @@ def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: in
                    as_json: bool) -> None:
     """Photographs in FOLDERS with a solutions.csv beside them, ours beside peers."""
     from startracker_evaluation.bench.peers import PeerError
-    from startracker_evaluation.bench.photographs import FolderError
-    from startracker_evaluation.bench.real_sky import run_real_sky_bench
+    from startracker_evaluation.bench.real_sky import FolderError, run_real_sky_bench
     with usage_error_on(FolderError), exit_1_on(PeerError):
         result = run_real_sky_bench(folders, seed=seed, cedar_python=str(cedar_python or ''))
     finish(result, as_json)

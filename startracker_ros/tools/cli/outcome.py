@@ -155,8 +155,9 @@ class Main(Commands):
         command: click.Command = self
         names = []
         for word in words:
-            if isinstance(command, Commands) and word in command.every():
-                command = command.every()[word]
+            context = click.Context(command)
+            if isinstance(command, Commands) and word in command.list_commands(context):
+                command = cast(click.Command, command.get_command(context, word))
                 names.append(word)
         return ' '.join(names)
 

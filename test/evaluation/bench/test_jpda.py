@@ -8,9 +8,9 @@ import json
 from commands import invoke
 import numpy as np
 import pytest
-from startracker_evaluation.bench import moving_targets as scene
-from startracker_evaluation.bench.jpda import bounds, FILTERS, Ours, run, swapped, Tally
-from startracker_evaluation.bench.moving_targets import moving_targets
+from startracker_evaluation.bench import jpda as scene
+from startracker_evaluation.bench.jpda import (
+    bounds, FILTERS, moving_targets, Ours, run, swapped, Tally)
 
 
 @pytest.mark.parametrize('kind', scene.SCENES)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from skies import SMALL_CAMERA
 from startracker_evaluation.campaign import integrity
-from startracker_evaluation.campaign.integrity import CONDITIONS, integrity_runs, LIST_RUNS
-from startracker_evaluation.campaign.integrity_images import IMAGE_CONDITIONS
+from startracker_evaluation.campaign.integrity import (
+    CONDITIONS, IMAGE_CONDITIONS, integrity_runs, LIST_RUNS)
 from startracker_evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sim.sky.detector import DetectorOptions

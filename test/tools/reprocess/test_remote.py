@@ -8,7 +8,7 @@ import struct
 import fsspec
 from mcap.writer import CompressionType, Writer
 import pytest
-from startracker_evaluation.bench.sparse_bag import write_sparse_bag
+from startracker_evaluation.bench.constellation import write_sparse_bag
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.mcap_file import McapFile
 from startracker_ros.io.bags.reader import read_messages, read_topics
