@@ -191,7 +191,7 @@ def make(name: str, folder: Path) -> None:
             recorder.write('/truth/attitude', quaternion_to_message(
                 frame.state.q_icrf_from_sensor, header(stamp_ns, 'icrf')))
             cloud = centroids_to_message(
-                pipeline.extraction.extractor.extract(frame.image).centroids, CAMERA,
+                pipeline.extraction.extractor.measure(frame.image).centroids, CAMERA,
                 header(stamp_ns))
             recorder.write('/centroids', cloud)
             # Through the message, which has floats of four bytes.

@@ -134,7 +134,7 @@ class StarTracker:
         late = self._late(stamp_ns)
         if late:
             return self._unused(stamp_ns, Centroids.empty(), late)
-        extraction = self.extraction.extract(stamp_ns, image, self.tracker.predicted)
+        extraction = self.extraction.process(stamp_ns, image, self.tracker.predicted)
         return self._update(stamp_ns, extraction.centroids, self.extraction.windowed,
                             extraction.reason)
 

@@ -85,7 +85,7 @@ def extract(image: Image, **options: Any) -> Extraction:
     """
     chosen = options_by_class((ExtractionOptions,), options)[ExtractionOptions]
     assert isinstance(chosen, ExtractionOptions)
-    return CentroidExtractor(chosen).extract(_photograph(image).image)
+    return CentroidExtractor(chosen).measure(_photograph(image).image)
 
 
 def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
@@ -107,7 +107,7 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
         pixels = _photograph(image).image
         camera = camera_of(_name(image, index), pixels, camera, fov_deg, distortion_model)
         centroids[index] = CentroidExtractor(
-            ExtractionOptions(max_stars=MAX_STARS)).extract(pixels).centroids
+            ExtractionOptions(max_stars=MAX_STARS)).measure(pixels).centroids
     if camera is None or not centroids:
         raise ValueError('no images to calibrate from')
     observer = ObserverSite().observer(epoch_of(year))

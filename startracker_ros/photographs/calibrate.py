@@ -75,7 +75,7 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
         with OneOfSeveral(partial(reasons.__setitem__, index)):
             image, camera = read_image_with_camera(path, camera, fov_deg,
                                                    distortion_model)
-            centroids[index] = extractor.extract(image).centroids
+            centroids[index] = extractor.measure(image).centroids
     if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:

@@ -34,7 +34,7 @@ class Detections:
 
     def __init__(self, image: np.ndarray) -> None:
         self._image = image
-        self._points = CentroidExtractor().extract(image, points_only=True)
+        self._points = CentroidExtractor().measure(image, points_only=True)
         self.extraction = self._points
         self._lists = [self.extraction.centroids]
 
@@ -53,7 +53,7 @@ class Detections:
         if index == 1:
             return fitted_where_close(find_spots(image), self._points.centroids)
         if index == 3:
-            self.extraction = CentroidExtractor().extract(image)
+            self.extraction = CentroidExtractor().measure(image)
             return self.extraction.centroids
         if min(image.shape) < _BINNED_SIDE_PX:
             return Centroids.empty()

@@ -111,7 +111,7 @@ def output_names(paths: Sequence[Path]) -> list[str]:
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
                 sky: ApparentCatalog, bodies: Bodies = Bodies()) -> Solution:
     """Return the attitude of one image (H, W) of a calibrated camera, or why there is none."""
-    extraction = extractor.extract(image)
+    extraction = extractor.measure(image)
     centroids = extraction.centroids
     if len(centroids) < MIN_STARS:
         return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)

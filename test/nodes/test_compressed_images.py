@@ -32,7 +32,7 @@ def test_compressed_images_give_the_centroids_of_the_files(nodes, probe, tmp_pat
         'frame_rate_hz': 5.0, 'wait_for_subscribers': 2})
     probe.wait(lambda: len(clouds) >= 2 and len(images) >= 2, 'centroids')
     assert images[0].format == 'mono16; png compressed '
-    expected = CentroidExtractor().extract(image).centroids
+    expected = CentroidExtractor().measure(image).centroids
     rows = read_cloud(clouds[0], CENTROID_DTYPE)
     assert len(rows) == len(expected) > 5
     np.testing.assert_allclose(rows['u'], expected.uv[:, 0], atol=1e-4)

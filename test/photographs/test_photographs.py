@@ -310,7 +310,7 @@ def test_a_header_with_a_field_too_small_for_the_catalogue_is_no_error(sky_data)
 @pytest.mark.slow
 def test_a_field_that_is_given_is_never_worse_than_none(any_field, sky_data):
     """Twelve false stars are brighter than all others: a short search does not reach these."""
-    stars = CentroidExtractor().extract(read_image(
+    stars = CentroidExtractor().measure(read_image(
         sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2])).centroids
     rng = np.random.default_rng(3)
     uv = np.concatenate([rng.uniform([20, 20], [1000, 740], (12, 2)), stars.uv])

@@ -55,7 +55,7 @@ def attitudes(odometry: bool, trials: int, seed: int
                                  detector_options=_DETECTOR).frame(0.0)
             if odometry:
                 pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
-            centroids = pipeline.extraction.extractor.extract(frame.image).centroids
+            centroids = pipeline.extraction.extractor.measure(frame.image).centroids
             found = pipeline.identify(stamp_ns, centroids)
             solved = pipeline.attitude.from_stars(stamp_ns, centroids, found.hip)
             yield solved.attitude, frame.state

@@ -52,7 +52,7 @@ class Ours(Peer):
         self._extractor = CentroidExtractor()
 
     def extract(self, image: np.ndarray) -> Any:
-        return self._extractor.extract(image)
+        return self._extractor.measure(image)
 
     def uv(self, result: Any) -> np.ndarray:
         return result.centroids.uv

@@ -82,7 +82,7 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
             dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1))))
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
-        centroids = pipeline.extraction.extractor.extract(frame.image).centroids
+        centroids = pipeline.extraction.extractor.measure(frame.image).centroids
         pipeline.motion.add_state(START_NS, frame.state.geocentric)
         identified = pipeline.identification.identify(START_NS, centroids)[0]
         solved = pipeline.attitude.from_stars(START_NS, centroids, identified.hip).attitude
@@ -189,7 +189,7 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
         image = frame.image
         pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         marks = [time.process_time()]
-        centroids = pipeline.extraction.extractor.extract(image).centroids
+        centroids = pipeline.extraction.extractor.measure(image).centroids
         marks.append(time.process_time())
         tracks = pipeline.tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())

@@ -150,7 +150,7 @@ def detect_ours(image: np.ndarray) -> Centroids:
 
 def detect_for_nodes(image: np.ndarray) -> Centroids:
     """Return the list that nodes use."""
-    return CentroidExtractor().extract(image).centroids
+    return CentroidExtractor().measure(image).centroids
 
 
 def brightest_stars(solution: Solution, epoch_year: float) -> np.ndarray:

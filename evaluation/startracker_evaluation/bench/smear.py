@@ -144,7 +144,7 @@ def measure(length_px: float, snr: float, trials: int, seed: int) -> Errors:
         share = scene.shares(np.zeros(2))
         flux_e = flux_of(snr, share[0])
         image = scene.frame(_DETECTOR, flux_e, seed=trial + 1).image
-        uv = extractor.extract(image).centroids.uv
+        uv = extractor.measure(image).centroids.uv
         if not len(uv):
             continue
         distance, index = cKDTree(uv).query(scene.uv)

@@ -91,7 +91,7 @@ def photographs(folder: Path) -> list[Photograph]:
 def extract(photograph: Photograph, method: str, factor: float) -> Centroids:
     """Return the centroids with pixels above factor times the iterative threshold."""
     options = ExtractionOptions(method=method, threshold='iterative', max_stars=150)
-    return CentroidExtractor(options, factor).extract(photograph.image).centroids
+    return CentroidExtractor(options, factor).measure(photograph.image).centroids
 
 
 def identified(photograph: Photograph, centroids: Centroids) -> np.ndarray:

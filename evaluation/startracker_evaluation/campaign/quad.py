@@ -290,7 +290,7 @@ def real_frames(folder: Path, epoch_year: float) -> tuple[np.ndarray, np.ndarray
         identifier = QuadIdentifier(camera, epoch_year, replace(
             OPTIONS, magnitude_limit=0.0, fov_error_percent=1.0))
         identifier.warm_up()
-        centroids = CentroidExtractor(ExtractionOptions(method='squared', max_stars=30)).extract(
+        centroids = CentroidExtractor(ExtractionOptions(method='squared', max_stars=30)).measure(
             image).centroids
         published_s, (_, quaternion) = cpu_timed(
             published, identifier, identifier.field_stars(centroids))

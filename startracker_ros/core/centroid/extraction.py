@@ -222,7 +222,7 @@ class CentroidExtractor:
     """
     Finds the stars of mono8 and mono16 images.
 
-    extract() is a pure function of image and options. search() and search_near() are so too;
+    measure() is a pure function of image and options. search() and search_near() are so too;
     what an image leaves for those after it is passed in and returned.
     """
 
@@ -236,7 +236,7 @@ class CentroidExtractor:
         up = options.readout_direction == 'up'
         self._line_time_s = options.line_time_us * (-1e-6 if up else 1e-6)
 
-    def extract(self, image: np.ndarray, streak: Streak | None = None, *,
+    def measure(self, image: np.ndarray, streak: Streak | None = None, *,
                 points_only: bool = False) -> Extraction:
         """Return the stars of image (H, W) as search() does, of an image without any before."""
         return self.search(image, streak, points_only=points_only)[0]
@@ -340,7 +340,7 @@ class CentroidExtractor:
             image[v - 1:v + 2, u - 1:u + 2] += np.outer((40, 80, 40), (1, 2, 1))
         streak = Streak(4.0, 2.0, 0.0, 31.5, 31.5)
         frame = image.clip(0, 255).astype(np.uint8)
-        self.extract(frame, streak)
+        self.measure(frame, streak)
         _, searched = self.search(frame)
         if searched is not None:
             self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)

@@ -179,7 +179,7 @@ class ExtractionStage:
         self._narrow = False
         self._stale_rows = StaleRows()
 
-    def extract(self, stamp_ns: int, image: np.ndarray,
+    def process(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True,
                 cell: int = 1) -> Extraction:
         """
@@ -206,7 +206,7 @@ class ExtractionStage:
 
     def _extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedCentroids | None,
                  lost: bool) -> Extraction:
-        """Return what extract() does, without the exposure."""
+        """Return what process() does, without the exposure."""
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
         interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns

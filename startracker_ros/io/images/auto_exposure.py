@@ -63,7 +63,7 @@ class AutoExposure:
             self._work = self._thread.submit(self._use, captured, captured.setting)
 
     def _use(self, captured: Captured, setting: Setting) -> None:
-        figures = ImageFigures.of(captured.image, self._extractor.extract(captured.image))
+        figures = ImageFigures.of(captured.image, self._extractor.measure(captured.image))
         limits = ExposureLimits.of(self._options, 1e3 * self._capture.period_s, setting.gain)
         state = self._state or ControlState(setting)
         self._state, chosen = next_setting(state, setting, figures, limits)

@@ -85,7 +85,7 @@ class CentroidExtractorNode(CameraNode):
         image.check_size(camera)
         stamp_ns = ns_from_stamp(header.stamp)
         header = make_header(stamp_ns, self.follow_frame(header.frame_id))
-        extraction = self._stage.extract(
+        extraction = self._stage.process(
             stamp_ns, image.pixels, self._predicted,
             lost=self.has_publisher('predicted_centroids'), cell=image.cell)
         self._centroids.publish(centroids_to_message(

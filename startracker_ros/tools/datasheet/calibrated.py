@@ -48,7 +48,7 @@ def calibrated_instrument(lens: Camera, detector: DetectorOptions, seed: int) ->
     pipeline, views = StarTracker(lens, EPOCH_YEAR), []
     for second in range(IMAGES):
         image = simulator.frame(float(second)).image
-        centroids = pipeline.extraction.extractor.extract(image).centroids
+        centroids = pipeline.extraction.extractor.measure(image).centroids
         found, _ = pipeline.identification.identify(START_NS + second * 10 ** 9, centroids)
         if found.attitude is not None:
             views.append(View(centroids, found.attitude.quaternion, vantage_near_earth(

@@ -292,7 +292,7 @@ def _learn_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
     view.show(lambda: {'state': 'opening the camera'})
 
     def on_image(captured: Captured, uv: np.ndarray, reason: str) -> None:
-        psf_sigma_px = CentroidExtractor().extract(captured.image, points_only=True).psf_sigma_px
+        psf_sigma_px = CentroidExtractor().measure(captured.image, points_only=True).psf_sigma_px
         setting = captured.setting or Setting(float('nan'), -1.0)
         view.show(lambda: {'state': f'learning the lens\n{reason}'.rstrip(),
                            'focus': focus_text(FWHM_PER_SIGMA * psf_sigma_px),

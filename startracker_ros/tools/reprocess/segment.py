@@ -151,7 +151,7 @@ class SegmentRun:
         self._newest_ns = stamp_ns
         pipeline = self._pipeline_at(stamp_ns, message.log_time_ns)
         if message.type_name == IMAGE:
-            extraction = pipeline.extraction.extract(
+            extraction = pipeline.extraction.process(
                 stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell)
             content = extraction.centroids, pipeline.extraction.windowed
         frame = pipeline.process_centroids(stamp_ns, *content)

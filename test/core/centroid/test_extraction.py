@@ -134,7 +134,7 @@ def test_a_fixed_threshold_is_in_dn():
     uv = scattered(rng, 36, 512)
     image = expose(SKY_E + light((512, 512), uv, np.geomspace(1500, 50000, 36), 0.8), rng)
     counts = [len(CentroidExtractor(ExtractionOptions(
-        threshold='fixed', threshold_dn=threshold_dn)).extract(image).centroids)
+        threshold='fixed', threshold_dn=threshold_dn)).measure(image).centroids)
         for threshold_dn in (100.0, 1000.0, 60000.0)]
     assert 36 >= counts[0] > counts[1] > counts[2] == 0
 
@@ -370,12 +370,12 @@ def test_options_have_their_effect_and_the_image_is_unchanged():
     image = expose(SKY_E + light((512, 512), uv, np.geomspace(1500, 50000, 36), 0.8), rng)
     before = image.copy()
     every = EXTRACT(image)
-    few = CentroidExtractor(ExtractionOptions(max_stars=5)).extract(image)
+    few = CentroidExtractor(ExtractionOptions(max_stars=5)).measure(image)
     np.testing.assert_allclose(few.centroids.uv, every.centroids.uv[:5], atol=0.02)
-    given = CentroidExtractor(ExtractionOptions(psf_sigma_px=0.8)).extract(image)
+    given = CentroidExtractor(ExtractionOptions(psf_sigma_px=0.8)).measure(image)
     assert given.psf_sigma_px == 0.8
     np.testing.assert_allclose(given.centroids.uv[:20], every.centroids.uv[:20], atol=0.02)
-    strict = CentroidExtractor(ExtractionOptions(threshold_sigma=40.0)).extract(image)
+    strict = CentroidExtractor(ExtractionOptions(threshold_sigma=40.0)).measure(image)
     assert 0 < len(strict.centroids) < len(every.centroids)
     np.testing.assert_array_equal(image, before)
     np.testing.assert_array_equal(EXTRACT(image[:, ::-1][:, ::-1]).centroids.uv,

@@ -41,7 +41,7 @@ def images():
 
 @pytest.fixture(scope='module')
 def results_alone(images):
-    return [CentroidExtractor().extract(image) for image in images]
+    return [CentroidExtractor().measure(image) for image in images]
 
 
 @settings(max_examples=15, deadline=None)
@@ -50,7 +50,7 @@ def test_an_image_gives_the_same_after_any_others(images, results_alone, order):
     extractor = CentroidExtractor()
     for index in order:
         before = images[index].copy()
-        found, alone = extractor.extract(images[index]), results_alone[index]
+        found, alone = extractor.measure(images[index]), results_alone[index]
         np.testing.assert_array_equal(found.centroids.uv, alone.centroids.uv)
         np.testing.assert_array_equal(found.centroids.covariance, alone.centroids.covariance)
         assert found.rejected == alone.rejected and found.psf_sigma_px == alone.psf_sigma_px
@@ -77,8 +77,8 @@ def test_a_search_depends_on_what_is_passed_in_alone(images, earlier, last):
 
 def test_sharp_stars_after_wide_ones_are_no_hits():
     extractor = CentroidExtractor()
-    assert len(extractor.extract(image_of(20, 1.6)).centroids) == 20
-    assert len(extractor.extract(image_of(2, 0.45)).centroids) == 2
+    assert len(extractor.measure(image_of(20, 1.6)).centroids) == 20
+    assert len(extractor.measure(image_of(2, 0.45)).centroids) == 2
 
 
 def test_a_width_that_no_image_shows_any_more_is_forgotten():

@@ -44,7 +44,7 @@ def fitted_less_mean(centroids, uv):
 def test_the_error_of_the_fits_is_within_the_common_covariance(path):
     rng = np.random.default_rng(1)
     image, uv = image_of(path, rng)
-    centroids = CentroidExtractor().extract(image).centroids
+    centroids = CentroidExtractor().measure(image).centroids
     error, common = fitted_less_mean(centroids, uv), centroids.correlated_error
     assert np.hypot(*error) > 0.1
     eigenvalue, vector = np.linalg.eigh(common)
@@ -59,7 +59,7 @@ def test_images_as_they_should_be_have_no_correlated_error():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         image, _ = image_of((np.zeros((1, 2)), np.ones(1)), rng)
-        extraction = CentroidExtractor().extract(image)
+        extraction = CentroidExtractor().measure(image)
         assert len(extraction.centroids) >= 10
         assert not extraction.centroids.common.any()
 
@@ -68,7 +68,7 @@ def test_companions_of_some_stars_are_no_motion():
     for seed in range(3):
         image, _ = image_of(KICK, np.random.default_rng(seed),
                             moves=lambda index: index % 6 == 0)
-        assert not CentroidExtractor().extract(image).centroids.common.any()
+        assert not CentroidExtractor().measure(image).centroids.common.any()
 
 
 def test_three_bright_stars_without_any_motion_outweigh_faint_ones():
@@ -77,7 +77,7 @@ def test_three_bright_stars_without_any_motion_outweigh_faint_ones():
     fluxes[::4] = 2e4
     image, _ = image_of(KICK, np.random.default_rng(1), moves=lambda index: index % 4 > 0,
                         fluxes=fluxes)
-    assert not CentroidExtractor().extract(image).centroids.common.any()
+    assert not CentroidExtractor().measure(image).centroids.common.any()
 
 
 def test_a_uniform_streak_has_no_correlated_error_and_a_hooked_one_has():
@@ -103,5 +103,5 @@ def test_static_asymmetry_of_the_stars_costs_what_it_moves_them_and_no_more():
     angle = np.radians([90, 210, 330])
     lobes = np.vstack([np.zeros(2), 3.0 * np.stack([np.cos(angle), np.sin(angle)], -1)])
     image, _ = image_of((lobes, np.array([0.7, 0.1, 0.1, 0.1])), np.random.default_rng(3))
-    common = CentroidExtractor().extract(image).centroids.correlated_error
+    common = CentroidExtractor().measure(image).centroids.correlated_error
     assert 0 < np.sqrt(np.trace(common)) < 0.35

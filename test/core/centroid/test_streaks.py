@@ -41,7 +41,7 @@ def residuals(extraction, frame, within_px=3.0):
 
 @pytest.mark.parametrize('rate_deg_s', [(1.5, 0.5, 0.0), (-2.0, 2.0, 0.5), (3.0, 0.0, -1.0)])
 def test_the_image_shows_its_streak(rate_deg_s):
-    found = CentroidExtractor().extract(taken(rate_deg_s).image).streak
+    found = CentroidExtractor().measure(taken(rate_deg_s).image).streak
     assert found is not None
     true, roll = true_streak(rate_deg_s)
     # A streak and its opposite look the same.
@@ -54,7 +54,7 @@ def test_errors_along_and_across_a_streak_are_those_of_its_covariance():
     squares, counts = np.zeros(2), 0
     for seed in range(6):
         frame = taken((2.5, 1.0, 0.0), seed)
-        extraction = CentroidExtractor().extract(frame.image)
+        extraction = CentroidExtractor().measure(frame.image)
         near, error = residuals(extraction, frame)
         # The covariance is that of a star whose pixels no other one shares.
         uv = extraction.centroids.uv[near]
@@ -85,7 +85,7 @@ def test_chance_does_not_reject_faint_streaks():
     seen = visible = 0
     for seed in range(8):
         frame = taken((8.0, -6.0, 0.0), seed, DetectorOptions(motion_smear=True, exposure_s=0.02))
-        extraction = CentroidExtractor().extract(frame.image)
+        extraction = CentroidExtractor().measure(frame.image)
         # The light of a streak is spread over its length times 2 sqrt(pi) sigma.
         area_px = 8.5 * 2 * np.sqrt(np.pi) * extraction.psf_sigma_px
         snr = frame.flux_dn / (extraction.noise_dn * np.sqrt(area_px))
@@ -117,9 +117,9 @@ def test_points_near_predictions_are_those_of_the_search():
     {'warm_columns': 10, 'warm_column_dn': 100.0}])
 def test_lines_do_not_starve_the_stars(artefacts):
     still = DetectorOptions()
-    clean = CentroidExtractor().extract(taken((0.01, 0.0, 0.0), detector=still).image)
+    clean = CentroidExtractor().measure(taken((0.01, 0.0, 0.0), detector=still).image)
     frame = taken((0.01, 0.0, 0.0), detector=still, artefacts=ArtefactOptions(**artefacts))
-    found = CentroidExtractor().extract(frame.image)
+    found = CentroidExtractor().measure(frame.image)
     distance = np.linalg.norm(clean.centroids.uv[:, None] - found.centroids.uv, axis=-1)
     assert (distance.min(axis=1) < 0.5).mean() > 0.6
     assert found.rejected['line'] > 5 and len(found.rejected_uv) >= found.rejected['line']
@@ -130,8 +130,8 @@ def test_a_storm_of_hits_does_not_starve_the_stars():
     rng, hit = np.random.default_rng(1), image.astype(float)
     u, v = rng.integers(0, 512, (2, 2600))
     hit[v, u] += rng.exponential(800.0, 2600)
-    clean = CentroidExtractor().extract(image)
-    found = CentroidExtractor().extract(np.minimum(hit, 4095).astype(np.uint16))
+    clean = CentroidExtractor().measure(image)
+    found = CentroidExtractor().measure(np.minimum(hit, 4095).astype(np.uint16))
     distance = np.linalg.norm(clean.centroids.uv[:, None] - found.centroids.uv, axis=-1)
     assert (distance.min(axis=1) < 0.5).mean() > 0.6
     assert found.rejected['hot_pixel'] > 1500
@@ -142,7 +142,7 @@ def test_each_row_has_its_time():
     for direction, sign in (('down', 1), ('up', -1)):
         extractor = CentroidExtractor(ExtractionOptions(
             line_time_us=20.0, readout_direction=direction))
-        centroids = extractor.extract(frame.image).centroids
+        centroids = extractor.measure(frame.image).centroids
         np.testing.assert_allclose(
             centroids.delay_s, sign * 20e-6 * (centroids.uv[:, 1] - 255.5), atol=1e-12)
 

@@ -102,7 +102,7 @@ def automatic(skies: Callable[[int], Sky], frames: int, *, first: Setting = FIRS
         watch.see(number, frame)
         chosen = made[-1]
         if setting == chosen:
-            figures = ImageFigures.of(frame.image, extractor.extract(frame.image))
+            figures = ImageFigures.of(frame.image, extractor.measure(frame.image))
             state, chosen = next_setting(state, setting, figures, limits)
         made.append(chosen)
     return watch, made[:frames]

@@ -53,7 +53,7 @@ def test_a_cloud_is_waited_for():
 
 def figures(sky, setting, number=0):
     image = photograph(sky, setting, number).image
-    return ImageFigures.of(image, CentroidExtractor().extract(image))
+    return ImageFigures.of(image, CentroidExtractor().measure(image))
 
 
 def converged(sky, first, limits=LIMITS, images=30):

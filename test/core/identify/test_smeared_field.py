@@ -33,7 +33,7 @@ def test_half_a_degree_a_second_still_solves(identifier, rate_deg_s):
         frame = SkySimulator(CAMERA, motion, load_catalog(), EPOCH_YEAR, seed=index,
                              detector_options=DetectorOptions(motion_smear=True),
                              sky_options=SkyOptions(aberration=False)).frame(0.1)
-        result = identifier.identify(CentroidExtractor().extract(frame.image).centroids)
+        result = identifier.identify(CentroidExtractor().measure(frame.image).centroids)
         assert result.status == 'identified', result.reason
         error = np.abs(attitude_error(result.attitude.quaternion,
                                       frame.state.q_icrf_from_sensor)) / ARCSEC

@@ -87,7 +87,7 @@ def test_the_brightest_stars_are_found_whatever_their_shape():
     rng = np.random.default_rng(1)
     for ra_deg, dec_deg in pointings(6):
         frame = sky(ra_deg=ra_deg, dec_deg=dec_deg).frame(0.0)
-        extraction = CentroidExtractor().extract(picture(frame, of_each_part, 0.5, rng))
+        extraction = CentroidExtractor().measure(picture(frame, of_each_part, 0.5, rng))
         assert extraction.streak is None
         inside = ((frame.stars.uv > 12) & (frame.stars.uv < 499)).all(axis=1)
         brightest = np.flatnonzero(inside)[np.argsort(frame.stars.magnitude[inside])[:12]]

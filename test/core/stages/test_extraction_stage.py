@@ -68,7 +68,7 @@ def test_more_stars_are_extracted_the_longer_none_is_predicted():
 
     def counts(**search):
         stage = ExtractionStage(ExtractionOptions(max_stars=30), SearchOptions(**search))
-        return [len(stage.extract(START_NS + index * STEP_NS, image).centroids)
+        return [len(stage.process(START_NS + index * STEP_NS, image).centroids)
                 for index, image in enumerate(images)]
     assert counts(max_stars_lost=100) == [30, 30, 60, 60, 100, 100, 100]
     assert counts(max_stars_lost=10) == [30] * 7
@@ -123,10 +123,10 @@ def test_one_image_that_is_shown_again_and_again_has_an_attitude():
 def test_a_readout_longer_than_the_frame_interval_is_named():
     stage = ExtractionStage(ExtractionOptions(line_time_us=250.0))
     image = np.random.default_rng(1).normal(100, 3, (512, 512)).astype(np.uint16)
-    assert stage.extract(START_NS, image).status != 'readout'
-    found = stage.extract(START_NS + STEP_NS, image[::-1])
+    assert stage.process(START_NS, image).status != 'readout'
+    found = stage.process(START_NS + STEP_NS, image[::-1])
     assert found.status == 'readout' and 'line_time_us' in found.reason
-    assert stage.extract(START_NS + 3 * STEP_NS, image).status != 'readout'
+    assert stage.process(START_NS + 3 * STEP_NS, image).status != 'readout'
 
 
 def test_streaks_across_the_motion_of_the_stars_are_not_used():
@@ -135,7 +135,7 @@ def test_streaks_across_the_motion_of_the_stars_are_not_used():
                          detector_options=DetectorOptions(motion_smear=True), frame_rate_hz=10.0)
     *_, (pipeline, _, _) = run(5, (1.0, 0.0, 0.0))
     predicted = pipeline.tracker.predicted
-    found = ExtractionStage().extract(predicted.stamp_ns + STEP_NS, other.frame(1.0).image,
+    found = ExtractionStage().process(predicted.stamp_ns + STEP_NS, other.frame(1.0).image,
                                       predicted)
     assert found.status == 'streak' and 'another direction' in found.reason
 

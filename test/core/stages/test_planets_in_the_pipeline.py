@@ -59,7 +59,7 @@ def process(pipeline, frames):
     pipeline.reset()
     spots = 0
     for stamp_ns, frame in frames:
-        centroids = pipeline.extraction.extract(
+        centroids = pipeline.extraction.process(
             stamp_ns, frame.image, pipeline.tracker.predicted).centroids
         result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.windowed)
         if result.identification is not None:

@@ -61,7 +61,7 @@ class Scene:
         frame = (self.sky if time_s >= self.begins_s else self.without).frame(time_s)
         predicted, stamp_ns = self.predicted(), START_NS + round(time_s * 1e9)
         self.pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
-        centroids = self.pipeline.extraction.extract(stamp_ns, frame.image, predicted).centroids
+        centroids = self.pipeline.extraction.process(stamp_ns, frame.image, predicted).centroids
         windowed = self.pipeline.extraction.windowed
         trusted = self.pipeline.process_centroids(stamp_ns, centroids, windowed).attitude
         if trusted is not None:
@@ -119,7 +119,7 @@ def test_targets_that_are_missed_or_seen_are_no_stars():
     frame = scene.without.frame(0.6)
     nowhere = with_targets(predicted, np.random.default_rng(1).uniform(10, 400, (40, 2)))
     assert nowhere.motion(frame.image.shape) == predicted.motion(frame.image.shape)
-    found = stage.extract(START_NS + 600_000_000, frame.image, nowhere)
+    found = stage.process(START_NS + 600_000_000, frame.image, nowhere)
     assert stage.windowed and found.streak is None
     # The stars are hidden, forty targets are not.
     level = int(np.median(frame.image))
@@ -129,7 +129,7 @@ def test_targets_that_are_missed_or_seen_are_no_stars():
         hidden[v - 1:v + 2, u - 1:u + 2] += np.outer([0.5, 1, 0.5], [0.5, 1, 0.5]) * 300
     # With their motion since the prediction, 0.2 s ago.
     shown = with_targets(predicted, uv - 60.0)
-    found = stage.extract(START_NS + 700_000_000, hidden.astype(np.uint16), shown)
+    found = stage.process(START_NS + 700_000_000, hidden.astype(np.uint16), shown)
     assert not stage.windowed and len(found.centroids) >= 20
 
 
@@ -143,5 +143,5 @@ def test_a_target_that_may_be_anywhere_has_the_whole_image_searched():
         predicted.stamp_ns, np.array([[255.5, 255.5]]), np.zeros((1, 2)), np.array([512.0]),
         np.zeros(1, np.int32), 0))
     for step, wanted in enumerate((predicted, anywhere, predicted)):
-        stage.extract(START_NS + (6 + step) * 100_000_000, image + np.uint16(step % 2), wanted)
+        stage.process(START_NS + (6 + step) * 100_000_000, image + np.uint16(step % 2), wanted)
         assert stage.windowed == (wanted is predicted)

@@ -114,7 +114,7 @@ def test_images_give_the_same_centroids(name: str) -> None:
     extractor = CentroidExtractor()
     topics = recorded(name)
     for image, cloud in zip(topics['/image_raw'], topics['/centroids'], strict=True):
-        again = extractor.extract(image_from_message(image).pixels).centroids
+        again = extractor.measure(image_from_message(image).pixels).centroids
         before = centroids_from_message(cloud)
         assert len(again) == len(before)
         np.testing.assert_allclose(again.uv, before.uv, rtol=0, atol=CENTROID_PX)

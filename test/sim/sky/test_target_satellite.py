@@ -52,7 +52,7 @@ def test_target_is_drawn_where_it_is_seen(aberration):
     frame = made.frame(time_s)
     drawn = frame.stars.uv[frame.stars.hip == 0]
     np.testing.assert_allclose(drawn, place[None], atol=1e-4)
-    centroids = CentroidExtractor().extract(frame.image).centroids
+    centroids = CentroidExtractor().measure(frame.image).centroids
     assert np.linalg.norm(centroids.uv - place, axis=1).min() < 0.3
 
 
