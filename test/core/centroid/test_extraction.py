@@ -19,7 +19,7 @@ from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 SKY_E, READ_E, GAIN_E_PER_DN, OFFSET_DN = 200.0, 10.0, 1.5, 100.0
 # Enough for the crowded fields here; the default keeps to what a star tracker follows.
-EXTRACT = CentroidExtractor(ExtractionOptions(max_stars=150)).extract
+EXTRACT = CentroidExtractor(ExtractionOptions(max_stars=150)).measure
 
 
 def light(shape, uv, flux, sigma_px, reach=14):
@@ -111,7 +111,7 @@ def test_errors_match_sigma_and_are_near_the_cramer_rao_bound(snr):
 @pytest.mark.parametrize('method', ['binary', 'grey', 'squared', 'thresholded', 'gaussian'])
 def test_sigma_of_every_method_is_that_of_the_errors(method):
     rng = np.random.default_rng(12)
-    extract = CentroidExtractor(ExtractionOptions(method=method, max_stars=300)).extract
+    extract = CentroidExtractor(ExtractionOptions(method=method, max_stars=300)).measure
     chi2 = []
     for snr in (10, 20, 50, 100, 300):
         uv = scattered(rng, 256, 1024)
