@@ -4,7 +4,6 @@
 """What the star tracker knows after a frame."""
 
 from dataclasses import dataclass, field, replace
-import math
 from typing import Any
 
 import numpy as np
@@ -27,10 +26,11 @@ class Attitude(AttitudeEstimate):
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
     velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
     cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where
-    it is not known. shown_rad_s2 (3,) is the angular acceleration that the frames show, which
-    changes by its own size in shown_s, acceleration_rad_s2 (3,) the 1 sigma of what it may be off.
+    it is not known. shown_rad_s2 (3,) is the angular acceleration that the frames show, with its
+    change jerk_rad_s3 (3,); acceleration_rad_s2 (3,) is the 1 sigma of what it may be off after
+    the frame, before_rad_s2 (3,) before it.
     protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
-    infinite where there is no bound, and at another time.
+    infinite where there is no bound, and at another time, where budget is None.
     """
 
     stamp_ns: int
@@ -38,7 +38,8 @@ class Attitude(AttitudeEstimate):
     rate_covariance: np.ndarray
     acceleration_rad_s2: np.ndarray
     shown_rad_s2: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    shown_s: float = math.inf
+    jerk_rad_s3: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    before_rad_s2: np.ndarray = field(default_factory=lambda: np.zeros(3))
     cross_covariance: np.ndarray | None = None
     protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
 
@@ -48,10 +49,10 @@ class Attitude(AttitudeEstimate):
         """Return a trusted attitude with the motion of the tracker; known are other fields."""
         return cls(
             quaternion=own.quaternion, covariance_sensor=own.covariance_sensor, stars=own.stars,
-            residual_rad=own.residual_rad, chi2=own.chi2, stamp_ns=stamp_ns,
+            residual_rad=own.residual_rad, chi2=own.chi2, budget=own.budget, stamp_ns=stamp_ns,
             rate_rad_s=tracked.rate_rad_s, rate_covariance=tracked.rate_covariance,
             acceleration_rad_s2=acceleration.sigma, shown_rad_s2=acceleration.mean,
-            shown_s=acceleration.lasts_s, **known)
+            jerk_rad_s3=acceleration.jerk, before_rad_s2=acceleration.before, **known)
 
     def sub_frames(self, count: int, interval_ns: int) -> list['Attitude']:
         """Return at() of so many times, evenly over a frame interval about stamp_ns."""
@@ -74,8 +75,10 @@ class Attitude(AttitudeEstimate):
         """
         stamp_ns = checked_stamp(stamp_ns)
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
-        change = self.shown_rad_s2 * dt_s
-        turn = quaternion_from_rotation_vector((self.rate_rad_s + change / 2) * dt_s)
+        change = (self.shown_rad_s2 + self.jerk_rad_s3 * (dt_s / 2)) * dt_s
+        turn = quaternion_from_rotation_vector((
+            self.rate_rad_s + self.shown_rad_s2 * (dt_s / 2)
+            + self.jerk_rad_s3 * (dt_s ** 2 / 6)) * dt_s)
         by_rate = dt_s ** 2 * self.rate_covariance
         covariance, cross = self.covariance_sensor, self.cross_covariance
         if cross is not None:
@@ -86,17 +89,17 @@ class Attitude(AttitudeEstimate):
             covariance = (1 + other / own) * covariance + (1 + own / other) * by_rate
         # The error is about axes that turn with the sensor.
         turned = matrix_from_quaternion(turn).T
-        # How the body moved before, the frames before have shown.
-        unknown = self.acceleration_rad_s2 * (dt_s > 0)
-        moved = np.hypot(unknown, change / self.shown_s) * dt_s
+        moved = (self.acceleration_rad_s2 if dt_s > 0 else self.before_rad_s2) * dt_s
         return replace(
             self, stamp_ns=stamp_ns, quaternion=multiply(self.quaternion, turn),
             covariance_sensor=(turned @ covariance @ turned.T
                                + np.diag((moved * dt_s / 2) ** 2)),
             rate_rad_s=self.rate_rad_s + change,
+            shown_rad_s2=self.shown_rad_s2 + self.jerk_rad_s3 * dt_s,
             rate_covariance=self.rate_covariance + np.diag(moved ** 2),
             cross_covariance=None if cross is None else turned @ cross,
-            protection_rad=self.protection_rad if dt_s == 0 else np.full(3, np.inf))
+            protection_rad=self.protection_rad if dt_s == 0 else np.full(3, np.inf),
+            budget=self.budget if dt_s == 0 else None)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@
 from dataclasses import dataclass, replace
 
 from geometry_msgs.msg import AccelWithCovarianceStamped
+import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.frame_result import Attitude
 from startracker_ros.core.options import option, Options
-from startracker_ros.core.track.acceleration import ENDS
 from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
@@ -69,7 +69,7 @@ class SubFrameOutput:
             return
         (stamp_ns, interval_ns, own, tracked), (mean, sigma) = pair
         attitude = Attitude.of(stamp_ns, own, tracked, Acceleration(
-            mean, sigma, interval_ns * 1e-9 / ENDS))
+            mean, sigma, np.zeros(3), sigma))
         for one in attitude.sub_frames(self._count, interval_ns):
             self._publisher.publish(tracked_attitude_to_imu(
                 replace(tracked, attitude=one, rate_rad_s=one.rate_rad_s,

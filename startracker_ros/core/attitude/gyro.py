@@ -30,6 +30,7 @@ IMPOSSIBLE_RAD_S = 100.0
 
 SATURATED = 0.999  # of the range
 UNEXPECTED = gate(1e-3, 3)  # chi-square of three axes that one in 1000 exceeds by chance
+MOST_RATES = 4  # in a frame interval, for the modes of motion
 _MAX_MEASUREMENTS = 100_000
 
 
@@ -223,6 +224,29 @@ class Gyro:
         return _unexpected(
             state.rate, state.drift, state.covariance, mean - acceleration * (dt_s / 2),
             self.noise_density / dt_s + variance * (dt_s / 2) ** 2) < UNEXPECTED
+
+    def rates(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return the measured rates (K, 3) between two times, their variances (K,) and dt_s (K + 1,).
+
+        dt_s are the times from one to the next, from the begin and up to the end. A mean rate
+        counts at the middle of its interval; no more than MOST_RATES, means of more.
+        """
+        begin = max(bisect_right(self._stamps_ns, from_ns), 1)
+        end = bisect_right(self._stamps_ns, to_ns)
+        times_ns, rates, variances = [from_ns], list[np.ndarray](), list[float]()
+        every = max(-(-(end - begin) // MOST_RATES), 1)
+        for first in range(begin, end, every):
+            after = min(first + every, end)
+            stamps_ns = self._stamps_ns[first - 1:after]
+            if stamps_ns[-1] <= stamps_ns[0]:
+                continue
+            seconds = np.diff(stamps_ns) * 1e-9
+            times_ns.append(max((stamps_ns[-1] + stamps_ns[0]) // 2, times_ns[-1]))
+            rates.append(seconds @ np.array(self._rates[first:after]) / seconds.sum())
+            variances.append(self.noise_density / seconds.sum())
+        times_ns.append(to_ns)
+        return (np.diff(times_ns) * 1e-9, np.array(rates).reshape(-1, 3), np.array(variances))
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""

@@ -6,6 +6,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from startracker_ros.core.attitude.error_budget import ErrorBudget
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quaternion
 
@@ -25,7 +26,8 @@ class AttitudeEstimate:
     of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
     angle between each star and its catalogue direction; chi2 sums the squares of residual over
     sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
-    Without stars it is an attitude of which nothing else is known.
+    Without stars it is an attitude of which nothing else is known. budget is what the covariance
+    consists of, None where that is not known.
     """
 
     quaternion: np.ndarray
@@ -33,6 +35,7 @@ class AttitudeEstimate:
     stars: int = 0
     residual_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
     chi2: float = np.nan
+    budget: ErrorBudget | None = None
 
 
 def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarray) -> np.ndarray:

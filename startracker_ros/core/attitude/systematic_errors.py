@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.attitude.error_budget import NO_ERROR
 from startracker_ros.core.attitude.estimate import cramer_rao
 from startracker_ros.core.attitude.refinement import information
 from startracker_ros.core.attitude.result import AttitudeEstimate
@@ -28,31 +29,31 @@ def with_observer_error(attitude: AttitudeEstimate, observer: Observer, sensor: 
     Return an attitude whose covariance contains what is not known of the observer.
 
     That is its velocity, as velocity_covariance(), and the epoch of the stars, where motion (N, 3)
-    is their proper motion in rad a year on ICRS axes, as with_epoch_error().
+    is their proper motion in rad a year on ICRS axes, as epoch_covariance().
     """
     if observer.velocity_sigma_m_s:
         attitude = replace(
             attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
                 observer.velocity_sigma_m_s, np.ascontiguousarray(sensor),
                 np.ascontiguousarray(sigma)))
-    return with_epoch_error(attitude, observer.epoch_sigma_years, sensor, sigma, motion)
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor + epoch_covariance(
+        attitude.quaternion, observer.epoch_sigma_years, sensor, sigma, motion))
 
 
-def with_epoch_error(attitude: AttitudeEstimate, sigma_years: float, sensor: np.ndarray,
-                     sigma: np.ndarray, motion: np.ndarray | None) -> AttitudeEstimate:
+def epoch_covariance(quaternion: np.ndarray, sigma_years: float, sensor: np.ndarray,
+                     sigma: np.ndarray, motion: np.ndarray | None) -> np.ndarray:
     """
-    Return an attitude whose covariance contains an error of the epoch of the stars.
+    Return the covariance (3, 3) rad^2 by an error of the epoch of the stars.
 
     sensor (N, 3) and sigma (N,) are those of velocity_covariance(). Proper motions m (N, 3), rad a
     year on ICRS axes, turn the best fit by F^-1 sum w (p x m) in a year; None where unknown.
     """
     if motion is None or not sigma_years or len(sensor) < 2:
-        return attitude
+        return NO_ERROR
     weight = 1 / sigma ** 2
-    on_sensor = motion @ matrix_from_quaternion(attitude.quaternion)
+    on_sensor = motion @ matrix_from_quaternion(quaternion)
     turn = cramer_rao(sensor, sigma) @ (weight @ np.cross(sensor, on_sensor))
-    return replace(attitude, covariance_sensor=attitude.covariance_sensor
-                   + sigma_years ** 2 * np.outer(turn, turn))
+    return sigma_years ** 2 * np.outer(turn, turn)
 
 
 @compiled
@@ -103,9 +104,9 @@ def lens_covariance(lens_sigma: float, scale: float, sensor: np.ndarray, sigma: 
 @compiled
 def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, variance: np.ndarray,
                           seen: np.ndarray, velocity_sigma_m_s: float, lens_sigma_px: float,
-                          lens_scale: float, turn_rad: np.ndarray) -> np.ndarray:
+                          lens_scale: float) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the covariance (3, 3) rad^2 by velocity, lens and the turn (3,) in an error of time.
+    Return the covariances (3, 3) rad^2 by velocity and by lens.
 
     Of the stars seen (N,) among tracks (N, 4), u and v in columns 0 and 2, of errors variance
     (N,) px^2.
@@ -117,9 +118,9 @@ def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, varia
         a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
         sensor[n, 0], sensor[n, 1], sensor[n, 2] = ray(lens.equidistant, a, b)
     sigma_rad, lens_sigma_rad = pixel_rad * np.sqrt(variance[stars]), pixel_rad * lens_sigma_px
-    covariance = np.outer(turn_rad, turn_rad)
+    by_velocity, by_lens = np.zeros((3, 3)), np.zeros((3, 3))
     if velocity_sigma_m_s > 0:
-        covariance += velocity_covariance(velocity_sigma_m_s, sensor, sigma_rad)
+        by_velocity = velocity_covariance(velocity_sigma_m_s, sensor, sigma_rad)
     if lens_sigma_rad > 0 or lens_scale != 0:
-        covariance += lens_covariance(lens_sigma_rad, lens_scale, sensor, sigma_rad)
-    return covariance
+        by_lens = lens_covariance(lens_sigma_rad, lens_scale, sensor, sigma_rad)
+    return by_velocity, by_lens

@@ -153,7 +153,7 @@ class AttitudeValidator:
                 f'max_residual_px is {self._options.max_residual_px:g}')
         return self._trusted(AttitudeEstimate(
             tracked.quaternion, tracked.covariance_sensor, len(icrf),
-            distance_px * self._camera.pixel_rad, tracked.chi2), partial(
+            distance_px * self._camera.pixel_rad, tracked.chi2, tracked.budget), partial(
                 self._protection_of_tracks, tracked.covariance_sensor, uv, sigma_px, residual_px,
                 self._protection))
 

@@ -4,15 +4,17 @@
 """How the body moves from one frame to the next: by the gyro, at a constant rate, or both."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import Prediction
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions, rate_text
+from startracker_ros.core.compiled import compiled
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation, Measurement
 from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.track.gyro_agreement import GyroAgreement
-from startracker_ros.core.track.process_noise import add_frame, ASSUMED, Memory
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 GYRO_SILENCE_S = 1.0
@@ -207,14 +209,56 @@ class BodyMotion:
 
 # --- how much the rate of a body changes, by the innovations of the heads ---
 #
+# The gain of the filter is that of an assumed process noise, so that it follows motions which
+# begin. Of a body that turns steadily its covariance is too large by that noise, under an
+# acceleration that no frame shows it is too small. With the gain K as it is and A = I - K H
+# = P P-^-1, the part P_Q of the covariance P by the process noise Q is
+#
+#     P_Q- = Phi P_Q Phi^T + Q,  P_Q = A P_Q- A^T,
+#
+# and with k times the process noise the errors have the covariance P + (k - 1) P_Q. The
+# innovations z of covariance S tell k. The change of the estimate with the logarithm of the noise
+# is
+#
+#     d- = Phi d,  d = A d- + P_Q H^T R^-1 z,
+#
+# for P_Q is the derivative of P. The score, the derivative of the logarithm of the likelihood, is
+# about each axis s = (P_Q- / S) (z^2 / S - 1) / 2 + z d- / S, and its mean (k - 1) i, with the
+# Fisher information i = (P_Q- / S)^2 / 2 + D- / S and D the covariance of d at k = 1: so k is
+# unbiased, however far from 1 it is. The second term compares innovations in a row, which tell
+# more of a small k than the first.
+#
 # The process noise is level times the assumed one. With P_Q the part of the covariance by it, the
-# score of process_noise.py tells by how much it is off: where the sum of the scores of the frames
-# so far is beyond SURE standard deviations, the level is k times as large, and so is P_Q.
+# score tells by how much it is off: where the sum of the scores of the frames so far is beyond
+# SURE standard deviations, the level is k times as large, and so is P_Q.
 
+MEMORY = 0.985  # of the frames before
+ASSUMED = 0.3
+"""Fisher information of the assumption that k is 1, before the first frame: 1.8 at 1 sigma."""
 SURE = 2.0
 FIRST = 100.0  # of a body of which no frame has shown how it moves
 MOST, LEAST = 100.0, 0.2  # times as large at once
 HIGHEST = 1e8  # of the level, beyond which nothing is predicted
+
+
+class Memory(NamedTuple):
+    """
+    What is known of the frames before; the arrays are changed in place.
+
+    share (9, 9) is P_Q, spread (9, 9) D and change (9,) d; score (3,) and information (3,) are
+    sums of s and i about sensor axes.
+    """
+
+    share: np.ndarray
+    spread: np.ndarray
+    change: np.ndarray
+    score: np.ndarray
+    information: np.ndarray
+
+    @classmethod
+    def empty(cls) -> 'Memory':
+        """Return that before the first frame."""
+        return cls(np.zeros((9, 9)), np.zeros((9, 9)), np.zeros(9), np.zeros(3), np.zeros(3))
 
 
 class MotionLevel:
@@ -263,3 +307,25 @@ class MotionLevel:
         for array in memory[1:]:
             array.fill(0.0)
         return corrected._replace(covariance=covariance)
+
+
+@compiled
+def add_frame(memory: Memory, transition: np.ndarray, process: np.ndarray, P: np.ndarray,
+              corrected: np.ndarray, turn: np.ndarray, R: np.ndarray) -> None:
+    """Add a frame to the memory: Phi, Q, and the covariance P of the prediction."""
+    share, spread, change, score, information = memory
+    share[:] = transition @ share @ transition.T + process
+    spread[:] = transition @ spread @ transition.T
+    change[:] = transition @ change
+    S = P[:3, :3] + R
+    for axis in range(3):
+        part, normalised = share[axis, axis] / S[axis, axis], turn[axis] ** 2 / S[axis, axis]
+        score[axis] = MEMORY * score[axis] + (
+            part * (normalised - 1) / 2 + turn[axis] * change[axis] / S[axis, axis])
+        information[axis] = MEMORY * information[axis] + (
+            part ** 2 / 2 + spread[axis, axis] / S[axis, axis])
+    A = np.linalg.solve(P, corrected).T
+    share[:] = A @ share @ A.T
+    G = np.ascontiguousarray(share[:, :3]) @ inverse(R)
+    change[:] = A @ change + G @ turn
+    spread[:] = A @ spread @ A.T + G @ S @ G.T

@@ -4,50 +4,50 @@
 """One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE, Prediction
+from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
+from startracker_ros.core.attitude.error_budget import ErrorBudget, NO_ERROR
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, rate_text
 from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import is_positive_definite
-from startracker_ros.core.track.acceleration import AngularAcceleration, lacking, STEADY
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.gyro_agreement import GyroAgreement
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
+from startracker_ros.core.track.motion_filter import (
+    ahead, by_experience, interrupted, JUMP, KIND, lacking, least_variances, Motion, predicted,
+    restarted, SIZE, started, state_of, SUDDEN, updated, with_measured)
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.process_noise import ProcessNoise
-from startracker_ros.core.track.rate_jumps import HiddenJumps, Mixture, NO_JUMP, RateJumps
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
-from startracker_ros.core.track.stamp_jitter import measured_turn, StampJitter
+from startracker_ros.core.track.stamp_jitter import StampJitter
 from startracker_ros.core.track.start import Start
-from startracker_ros.core.track.tracks import Acceleration
+from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 
-MANOEUVRE_HYPOTHESES = (10.0, 100.0, 1000.0)
-"""Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
-of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
-covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
+WIDE = [np.array([mode]) for mode in np.flatnonzero(KIND == JUMP)]
+"""Modes tried one after the other where the stars are not as the mixture of all has them."""
+
+SMOOTH = np.flatnonzero(SIZE < 2.0)
+UNEXPECTED = 1e-3  # probability of the mode of the frame before, by the rates of a gyro since
 
 LIKELY = gate(0.05, 3)
-"""Chi-square of three axes that one frame in twenty exceeds, by which a manoeuvre is as large as
-the innovation: the least one within the gate would leave up to NIS_GATE, and a rate that is wrong
-by as much."""
+"""Chi-square of three axes that one frame in twenty exceeds, by which a jump is as large as the
+innovation: the least one within the gate would leave up to NIS_GATE."""
 
-RATE_DOUBT_FRAMES = 3
-"""From a change of the rate on, until the new acceleration is known."""
+STREAK_PX = 15.0
+"""Length of a streak from which on a fit sees rather its ends; computed for a width of 1 px."""
 
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
@@ -61,39 +61,57 @@ LARGE, SMALL, LEAST = 1.15, 0.9, 0.5
 """In which the errors of centroids are compared with their residuals, and ratios that differ from
 1; errors are taken for no less than half of what the centroids have."""
 
+LINE_TIME_SIGMA, LEAST_LINE_TIME_SIGMA = 0.1, 0.0003  # of line_time_us: first frame, later
+
+STAMP_ERRS = 0.02  # probability that what looks like a jump is a stamp that errs
+DISPLACED_FRAMES = 4
+"""Frames after a jump in which the rate of before means that they, or those before, are displaced:
+no body jumps and goes on as before, but images of another time do."""
+
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
 
-_NO_ERROR = np.zeros((3, 3))
 _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0),
                     np.empty((0, 2, 2)))
 """The centroids of a frame that is not used."""
-
-
-class _Rows(NamedTuple):
-    """
-    half_s2 is half the mean square of the delays of a rolling shutter, zero without one.
-
-    acceleration (3,) rad/s^2 is that by which the centroids are moved to the time of the frame.
-    """
-
-    half_s2: float
-    acceleration: np.ndarray
 
 
 class _Hypothesis(NamedTuple):
     """
     A predicted state, by a gyro or not.
 
-    prediction is that of the process noise alone, None of a manoeuvre and of a gyro alone. The
-    innovation of the frame is to be within a gate.
+    motion is what it is the mixture of, or a part of it, None where the gyro alone propagates the
+    state. The innovation of the frame is to be within a gate.
     """
 
     uses_gyro: bool
     state: AttitudeState
-    prediction: Prediction | None = None
+    motion: Motion | None
     gate: float = NIS_GATE
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Return the mean angular acceleration (3,) rad/s^2, zero where it is not known."""
+        return np.zeros(3) if self.motion is None else _acceleration_of(self.motion)
+
+
+class _Jump(NamedTuple):
+    """What a jump has moved the attitude by, (3,), after a rate (3,); left counts frames."""
+
+    rate: np.ndarray
+    moved: np.ndarray
+    left: int
+
+    def is_displaced(self, state: AttitudeState, covariance: np.ndarray) -> bool:
+        """Return whether the body turns as before the jump, covariance (6, 6)."""
+        change = state.rate - self.rate
+        return self.left > 0 and bool(
+            change @ np.linalg.solve(covariance[3:, 3:], change) < LIKELY)
+
+    def later(self) -> '_Jump':
+        """Return that of the next frame."""
+        return self._replace(left=self.left - 1)
 
 
 _Explanation = tuple[_Hypothesis, Correction]
@@ -113,6 +131,7 @@ class AttitudeModel(StarModel):
         self.gyro_trouble = self.failure = ''
         # Its figures are read before the first start.
         self._stamp_jitter = StampJitter()
+        self._motion: Motion
 
     def start(self, start: Start) -> None:
         frame = start.frame
@@ -129,15 +148,19 @@ class AttitudeModel(StarModel):
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
-        self._acceleration, self._exposure_s = AngularAcceleration(), UNKNOWN_EXPOSURE
-        if start.cross.any():
-            self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
+        interval_s = float(covariance[0, 0] / start.cross[0, 0]) if start.cross.any() else 0.0
+        self._set_motion(started(self._state, np.diag(covariance)[:3].copy(), interval_s), False)
         self._measured: AttitudeEstimate | None = None
-        self._jumps, self._mixture = RateJumps(), NO_JUMP
-        self._rate_doubt, self._changed_frames = _NO_ERROR, RATE_DOUBT_FRAMES
-        self._hidden_jumps, self._process_noise = HiddenJumps(), ProcessNoise()
-        self._moved, self._streaked = np.zeros(3), False
-        self._rows = _Rows(0.0, np.zeros(3))
+        self._common = NO_ERROR
+        self._frames, self._shutter_rad = 0, np.zeros(3)
+        self._jump: _Jump | None = None
+
+    def resume(self, before: StarModel) -> None:
+        if isinstance(before, AttitudeModel):
+            known = before._motion
+            self._motion = interrupted(self._motion._replace(
+                weight=known.weight, share=known.share, noise=known.noise,
+                interval_s=known.interval_s, frames=known.frames, swing=known.swing))
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -146,31 +169,24 @@ class AttitudeModel(StarModel):
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         common = (pointing_covariance(frame.correlated_error, self._camera, self._state.rate)
-                  if frame.common.any() else _NO_ERROR)
-        self._rows = _Rows(float(np.mean(frame.delay_s ** 2)) / 2 if len(frame) else 0.0,
-                           self._acceleration.estimate.mean)
+                  if frame.common.any() else NO_ERROR)
+        if not self._motion.interval_s:
+            self._motion = self._motion._replace(
+                interval_s=(stamp_ns - self._motion.stamp_ns) * 1e-9)
         nominal, confirmed = self._explained(
             stamp_ns, frame, icrf, self._scale.value ** 2 * error_px2, common)
         if confirmed is not None:
             hypothesis, correction = confirmed
-            predicted = _with_error(hypothesis.state, common)
-            before_ns, was_used = self._state.stamp_ns, self.uses_gyro
-            self._exposure_s, self._streaked = frame.exposure_s, frame.are_streaks
-            mixture = self._measure(hypothesis, predicted, correction, common,
-                                    None if nominal is None else nominal[0].state)
-            # The stars show the pointing up to the error that they share.
-            corrected = _with_error(correction.state, common)
-            state = _with_jumps(corrected, mixture)
-            fit = self._fit(correction, state)
-            if mixture.is_certain:
-                corrected, mixture = state, NO_JUMP
-            self._mixture = mixture
-            self._moved = (rotation_between(predicted.quaternion, state.quaternion)
-                           - self._hidden_jumps.expected)
-            self._stamp_jitter.add(self._state, predicted, corrected, correction.measured,
-                                   self._acceleration.white_rad2)
-            self._set_state(corrected, hypothesis.uses_gyro)
-            frame = self._at_frame_time(frame, corrected)
+            before, was_used, self._common = self._state, self.uses_gyro, common
+            self._set_motion(self._corrected(hypothesis, correction, frame, common),
+                             hypothesis.uses_gyro)
+            self._doubt_jump(before, hypothesis, frame)
+            self._doubt_shutter(correction)
+            fit = self._fit(correction)
+            self._stamp_jitter.add(before, hypothesis.state, self._state, correction.turn,
+                                   correction.turn_covariance + common)
+            frame = at_frame_time(
+                self._camera, frame, self._state.rate, _acceleration_of(self._motion))
             seen, residuals = self._follow(correction, icrf, Measured(
                 frame.uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
             least_px = self._scale.value * frame.sigma_px.min()
@@ -180,18 +196,14 @@ class AttitudeModel(StarModel):
                 self._scale.restart()
             self._diverged = 0
             self._check_covariance()
-            self._compare_gyro(before_ns, was_used)
+            self._compare_gyro(before.stamp_ns, was_used)
             return FrameUpdate(True, fit, frame, correction.unassociated, residuals)
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
-        self._acceleration.interrupt()
-        self._mixture = self._jumps.interrupt()
-        self._rate_doubt = _NO_ERROR
-        self._hidden_jumps.interrupt()
-        self._process_noise.interrupt()
-        self._set_state(hypothesis.state, hypothesis.uses_gyro)
+        self._set_motion(interrupted(hypothesis.motion or self._restarted(hypothesis.state)),
+                         hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
                                          distance=np.full(count, np.inf)), icrf, _NOTHING)
@@ -205,7 +217,8 @@ class AttitudeModel(StarModel):
             self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
                             'is not known')
         self._check_covariance()
-        return FrameUpdate(False, None, self._at_frame_time(frame, hypothesis.state),
+        return FrameUpdate(False, None, at_frame_time(
+            self._camera, frame, hypothesis.state.rate, hypothesis.acceleration),
                            correction.unassociated)
 
     def _explained(self, stamp_ns: int, frame: Centroids, icrf: np.ndarray, error: np.ndarray,
@@ -219,27 +232,36 @@ class AttitudeModel(StarModel):
         nominal: _Explanation | None = None
         confirmed: _Explanation | None = None
         for hypothesis in self._hypotheses(stamp_ns, sparse):
-            predicted = _with_error(hypothesis.state, common)
-            correction = correct(
-                self.lens, icrf, self.bank.confirmed, self._options.min_stars, predicted,
-                np.ascontiguousarray(self._at_frame_time(frame, predicted).uv), error,
-                frame.delay_s, self._detection)
+            correction = self._correction(hypothesis, frame, icrf, error, common)
             explanation = hypothesis, correction
             if not self._is_consistent(correction, hypothesis.gate):
                 nominal = nominal or explanation
                 if sparse:
                     break
                 continue
+            if correction.innovation @ correction.innovation > LIKELY:
+                # Far from the prediction gates are wide: the stars are associated again from here.
+                hypothesis = hypothesis._replace(state=correction.state)
+                again = self._correction(hypothesis, frame, icrf, error, common)
+                if again.agreed:
+                    explanation = hypothesis, again
             if confirmed is not None and _inliers(correction) < _inliers(confirmed[1]) + SHEARED:
                 continue
             nominal, confirmed = nominal or confirmed, explanation
-            if not self._rows.half_s2 or correction.stars - _inliers(correction) < SHEARED:
+            if not frame.delay_s.any() or correction.stars - _inliers(correction) < SHEARED:
                 break
         return nominal, confirmed
 
-    def _at_frame_time(self, frame: Centroids, state: AttitudeState) -> Centroids:
-        """Return the centroids at the time of the frame, of a body with the rate of a state."""
-        return at_frame_time(self._camera, frame, state.rate, self._rows.acceleration)
+    def _correction(self, hypothesis: _Hypothesis, frame: Centroids, icrf: np.ndarray,
+                    error: np.ndarray, common: np.ndarray) -> Correction:
+        """Return a predicted state corrected by a frame, with the arguments of _explained()."""
+        predicted = _with_error(hypothesis.state, common)
+        return correct(
+            self.lens, icrf, self.bank.confirmed, self._options.min_stars, predicted,
+            np.ascontiguousarray(at_frame_time(
+                self._camera, frame, predicted.rate, hypothesis.acceleration).uv), error,
+            frame.delay_s,
+            self._detection)
 
     def _check_covariance(self) -> None:
         """Set the failure of a state whose covariance is none."""
@@ -255,38 +277,116 @@ class AttitudeModel(StarModel):
         return self._gyro.is_saturated(stamp_ns, GYRO_SILENCE_S)
 
     def _hypotheses(self, stamp_ns: int, sparse: bool) -> Iterator[_Hypothesis]:
-        """Yield the nominal prediction, then those of manoeuvres."""
+        """Yield the nominal prediction, that of the gyro alone, then those of jumps."""
         state, gyro = self._state, self._gyro
-        density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
             sparse or not self._is_saturated(stamp_ns))
+        motion = self._predicted(stamp_ns, with_gyro)
+        # Of another motion than before the modes know less than the gyro, which integrates it. In
+        # a sparse frame no assumption about the acceleration holds.
+        goes_on = motion.weight[np.argmax(self._motion.weight)] > UNEXPECTED
+        if not with_gyro or (goes_on and not sparse):
+            yield _Hypothesis(with_gyro, state_of(motion), motion)
         if with_gyro:
-            # In a sparse frame no assumption about the acceleration holds.
-            shown = self._acceleration.estimate
-            if not sparse and gyro.expects(state, stamp_ns, shown.mean, shown.process):
-                nominal = gyro.filtered(state, stamp_ns, shown.mean, density + shown.process * (
-                    (stamp_ns - state.stamp_ns) * 1e-9))
-                yield _Hypothesis(True, nominal.state, nominal)
-            yield _Hypothesis(True, gyro.propagate(state, stamp_ns))
-        else:
-            nominal = self._propagated(state, stamp_ns, density)
-            yield _Hypothesis(False, nominal.state, nominal)
-        for factor in MANOEUVRE_HYPOTHESES:
-            yield _Hypothesis(
-                False,
-                self._propagated(state.inflated(factor), stamp_ns, factor ** 2 * density).state,
-                gate=NIS_GATE if factor == MANOEUVRE_HYPOTHESES[-1] else LIKELY)
+            yield _Hypothesis(True, gyro.propagate(state, stamp_ns), None)
+            motion = self._predicted(stamp_ns, False)
+        for mode in WIDE:
+            yield _Hypothesis(False, state_of(motion, mode), motion,
+                              NIS_GATE if mode is WIDE[-1] else LIKELY)
 
-    def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
-                    ) -> Prediction:
-        """Predict the state at a time, at the acceleration that the frames before have shown."""
-        dt_s = (stamp_ns - state.stamp_ns) * 1e-9
-        acceleration = self._acceleration.estimate
-        turning = state._replace(rate=state.rate + acceleration.ahead * (dt_s / 2))
-        after = turning.predicted_at_constant_rate(
-            stamp_ns, density + acceleration.process * dt_s, self._gyro.drift_density)
-        return after._replace(state=after.state._replace(
-            rate=state.rate + acceleration.mean * dt_s))
+    def _predicted(self, stamp_ns: int, with_gyro: bool) -> Motion:
+        """Return the motion at a time, by the rates of the gyro or without."""
+        dt_s = np.array([(stamp_ns - self._motion.stamp_ns) * 1e-9])
+        rates, variance = np.empty((0, 3)), np.empty(0)
+        if with_gyro:
+            dt_s, rates, variance = self._gyro.rates(self._motion.stamp_ns, stamp_ns)
+        return predicted(self._motion, stamp_ns, dt_s, rates, variance, self._acceleration_rad_s2,
+                         self._gyro.drift_density)
+
+    def _corrected(self, hypothesis: _Hypothesis, correction: Correction, frame: Centroids,
+                   common: np.ndarray) -> Motion:
+        """Return the motion after a frame, and set the attitude that its stars measure."""
+        state = hypothesis.state
+        self._measured = AttitudeEstimate(
+            turned(state.quaternion, correction.turn), correction.turn_covariance + common, 0,
+            np.empty(0), 0.0)
+        if hypothesis.motion is None:
+            motion = self._restarted(_with_error(correction.state, common))
+        else:
+            # An acceleration shows in rows, less the one that was assumed, and in streaks.
+            by_acceleration = correction.by_acceleration.copy()
+            moved = by_acceleration @ hypothesis.acceleration
+            by_acceleration[:3] += self._by_streaks(frame, state.rate)
+            # The stars show the pointing up to the error that they share, however the body moved.
+            motion = _with_turns(updated(
+                _with_turns(hypothesis.motion, common), state.quaternion, state.rate,
+                correction.information, correction.vector, by_acceleration, moved), common)
+        return with_measured(motion, self._motion.stamp_ns, self._measured.quaternion,
+                             correction.turn_covariance)
+
+    def _by_streaks(self, frame: Centroids, rate: np.ndarray) -> np.ndarray:
+        """
+        Return by what (3, 3) an acceleration turns streaks from the mean pointing, in s^2.
+
+        The fit of a long streak sees its ends, whose middle is T^2 / 8 - T^2 / 24 of the
+        acceleration away, along the motion.
+        """
+        speed2 = float(rate @ rate)
+        if not frame.are_streaks or not speed2:
+            return np.zeros((3, 3))
+        exposure_s = min(frame.exposure_s[1], self._motion.interval_s)
+        length_px = self._camera.fx * math.hypot(rate[0], rate[1]) * exposure_s
+        share = 1 / (1 + (STREAK_PX / max(length_px, 1e-9)) ** 2)
+        along: np.ndarray = (share * exposure_s ** 2 / 12 / speed2) * np.outer(rate, rate)
+        return along
+
+    def _doubt_jump(self, before: AttitudeState, hypothesis: _Hypothesis, frame: Centroids
+                    ) -> None:
+        """
+        Add what a motion that begins within the frame may have done, or what else it may be.
+
+        Stars whose light jumps within the exposure are not seen at its mean, and rows of a rolling
+        shutter are exposed before and after. A frame whose stamp errs looks like a jump as well.
+        """
+        if hypothesis.motion is None:
+            return
+        sudden = float(self._motion.weight[SUDDEN].sum())
+        interval_s = (self._state.stamp_ns - before.stamp_ns) * 1e-9
+        moved = rotation_between(
+            state_of(hypothesis.motion).quaternion, self._state.quaternion)
+        own = np.ascontiguousarray(self._covariance[:3, :3])
+        self._covariance[:3, :3] += lacking(
+            own, moved, sudden * max(min(frame.exposure_s[1] / interval_s, 1.0), STAMP_ERRS))
+        if self._jump is not None and self._jump.is_displaced(self._state, self._covariance):
+            self._covariance[:3, :3] += lacking(own, self._jump.moved, 1.0)
+            self._jump = self._jump.later()
+        elif self._motion.weight[SIZE >= 2.0].sum() > 0.5:
+            self._jump = _Jump(before.rate, moved, DISPLACED_FRAMES)
+        if frame.delay_s.any():
+            spread_s = math.sqrt(np.mean(frame.delay_s ** 2))
+            change = self._state.rate - before.rate
+            error = np.concatenate([spread_s * change, change / 2])
+            self._covariance += sudden * np.outer(error, error)
+
+    def _doubt_shutter(self, correction: Correction) -> None:
+        """
+        Set the turn (3,) by 1 sigma of an error of line_time_us, and add its error of the rate.
+
+        Such an error is one of the rate that brings the rows to one time, by the same share. The
+        more frames there are, the smaller is one that their rows do not show.
+        """
+        if len(correction.vector) > 3:
+            information = correction.information
+            error = self._state.rate * max(
+                LINE_TIME_SIGMA / (self._frames + 1) ** 2, LEAST_LINE_TIME_SIGMA)
+            self._shutter_rad = np.linalg.solve(
+                information[:3, :3], information[:3, 3:] @ error)
+            self._covariance[3:, 3:] += np.outer(error, error)
+        self._frames += 1
+
+    def _restarted(self, state: AttitudeState) -> Motion:
+        """Return the motion of a state that is known without the modes."""
+        return restarted(self._motion, state)
 
     def _is_consistent(self, correction: Correction, gate: float) -> bool:
         """Return whether the fit of the inliers is good and its innovation within the gate."""
@@ -296,12 +396,11 @@ class AttitudeModel(StarModel):
                             correction.residual_px, self._options.min_stars,
                             self._options.max_residual_px))
 
-    def _fit(self, correction: Correction, state: AttitudeState) -> RotationFit:
-        """Return the fit of the inliers, which gave a state."""
+    def _fit(self, correction: Correction) -> RotationFit:
+        """Return the fit of the inliers, which gave the state."""
         inlier = correction.inlier
         attitude = AttitudeEstimate(
-            state.quaternion, state.covariance[:3, :3] + self._process_noise.excess[:3, :3],
-            int(np.count_nonzero(inlier)),
+            self._state.quaternion, self._covariance[:3, :3], int(np.count_nonzero(inlier)),
             correction.distance[inlier] * self._camera.pixel_rad, correction.chi2)
         return RotationFit(attitude, correction.normalised, self._scale.value, inlier,
                            correction.residual_px)
@@ -323,12 +422,29 @@ class AttitudeModel(StarModel):
         self.bank = bank.with_association(after.track, after.covariance, after.association)
         return bank.star_index[after.detected], after.residuals
 
-    def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
-        """Set the state; where the use of the gyro ends its drift becomes unknown."""
+    def _set_motion(self, motion: Motion, uses_gyro: bool) -> None:
+        """Set the motion; where the use of the gyro ends its drift becomes unknown."""
         if self.uses_gyro and not uses_gyro:
-            state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
-            self._process_noise.interrupt()
-        self._state, self.uses_gyro = state, uses_gyro
+            motion = self._restarted(
+                state_of(motion).with_new_drift(self._gyro.drift_sigma_rad_s))
+        self._motion, self.uses_gyro = motion, uses_gyro
+        self._state = state_of(motion)
+        least = least_variances(motion.weight, motion.mean, motion.covariance)
+        least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
+                                    motion.covariance)[3:]
+        self._covariance = self._state.covariance[:6, :6].copy()
+        for k in range(6):
+            self._covariance[k, k] = max(self._covariance[k, k], least[k])
+
+    def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
+        """Return the same, with what the filter has for motions and shaking beside the stars."""
+        budget = super().budget(own, velocity_sigma_m_s)._replace(
+            shutter=np.outer(self._shutter_rad, self._shutter_rad))
+        if self._measured is None or own is self._measured.covariance_sensor:
+            return budget._replace(stars=own - self._common, exposure=self._common)
+        motion = own - self._state.covariance[:3, :3]
+        return budget._replace(
+            stars=own - motion - self._common, motion=motion, exposure=self._common)
 
     @property
     def lens(self) -> Lens:
@@ -351,124 +467,35 @@ class AttitudeModel(StarModel):
         return self._stamp_jitter.turn_rad
 
     @property
-    def predicted_attitude(self) -> AttitudeEstimate:
-        return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
-                                np.empty(0), 0.0)
+    def predicted(self) -> TrackedAttitude:
+        state = state_of(self._motion, SMOOTH)
+        return TrackedAttitude(
+            AttitudeEstimate(state.quaternion, state.covariance[:3, :3], 0, np.empty(0), 0.0),
+            state.rate, state.covariance[3:6, 3:6])
 
     @property
     def measured_attitude(self) -> AttitudeEstimate | None:
         return self._measured
 
-    def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
-                               ) -> AttitudeEstimate:
-        """Return also what the acceleration within the exposure turns the stars by, taken out."""
-        turn, covariance, share = self._acceleration.shift(
-            self._exposure_s, self._state.rate, self._camera.fx if self._streaked else 0.0,
-            *self._rows)
-        # The acceleration is a measurement by the same stars.
-        covariance -= 2 * share * estimate.covariance_sensor
-        estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
-        covariance += estimate.covariance_sensor
-        # A jump moves the light, or ends the acceleration that is taken out. Of one before the
-        # frame the filter has followed a part.
-        hidden = self._hidden_jumps
-        probability = self._acceleration.jump_within(
-            self._exposure_s[1] + math.sqrt(24 * self._rows.half_s2), hidden.probability)
-        taken_out = turn + self._rows.half_s2 * self._rows.acceleration
-        for error, chance in ((self._moved, probability), (taken_out, probability),
-                              (hidden.unexpected - self._moved, hidden.probability)):
-            covariance += lacking(covariance, error, chance)
-        for axis in range(3):
-            covariance[axis, axis] = max(covariance[axis, axis], self._mixture.least[axis] ** 2)
-        return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
-                       covariance_sensor=covariance)
-
-    def _measure(self, hypothesis: _Hypothesis, predicted: AttitudeState,
-                 correction: Correction, common: np.ndarray,
-                 contradicted: AttitudeState | None) -> Mixture:
-        """
-        Set the attitude that the stars of the frame measure, beside what was predicted.
-
-        Return the errors by jumps of the rate.
-        """
-        adds, turn, covariance = measured_turn(predicted, correction.measured)
-        if not adds:
-            self._measured = None
-            self._acceleration.interrupt()
-            self._hidden_jumps.interrupt()
-            self._process_noise.interrupt()
-            self._rate_doubt = _NO_ERROR
-            return self._jumps.interrupt()
-        self._measured = AttitudeEstimate(
-            turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
-        # A gyro corrects the rate before the next frame, and what it measures alone is no jump.
-        mixture = self._jumps.interrupt() if hypothesis.uses_gyro else NO_JUMP
-        if hypothesis.prediction is not None:
-            mixture = self._jumps.add(self._state.stamp_ns, predicted, turn, covariance)
-        elif contradicted is not None and not hypothesis.uses_gyro:
-            turn = rotation_between(contradicted.quaternion, self._measured.quaternion)
-            mixture = self._jumps.found(counts=self._acceleration.is_known)
-        is_steady = self._acceleration.estimate.way == STEADY
-        self._acceleration.add(
-            predicted.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
-            turn, mixture.newest)
-        self._doubt_rate(hypothesis, mixture)
-        if hypothesis.prediction is None or mixture.is_certain:
-            self._process_noise.interrupt()
-        else:
-            self._process_noise.add(hypothesis.prediction, predicted.covariance,
-                                    correction.state.covariance, turn, covariance)
-        if (hypothesis.prediction is None or hypothesis.uses_gyro or mixture.is_certain
-                or not is_steady or common is not _NO_ERROR):
-            self._hidden_jumps.interrupt()
-        else:
-            self._hidden_jumps.add(hypothesis.prediction, turn, covariance,
-                                   self._process_noise.ratio, self._jumps.share)
-        return mixture
-
-    def _doubt_rate(self, hypothesis: _Hypothesis, mixture: Mixture) -> None:
-        """
-        Set by what the rate may still change after a frame that contradicts its prediction.
-
-        It shows the mean rate since the one before, or an attitude that was off. At the frame the
-        rate may be another one by as much as the mean has changed, in the next ones by half of
-        what it changes still.
-        """
-        self._changed_frames += 1
-        if hypothesis.prediction is None or mixture.is_certain:
-            self._changed_frames = 0
-        if self._changed_frames >= RATE_DOUBT_FRAMES:
-            self._rate_doubt = _NO_ERROR
-            return
-        share = 0.25
-        if not self._changed_frames:
-            # A gyro has measured the rate at the frame itself.
-            share = 0.0 if hypothesis.uses_gyro else 1.0
-        change = self._acceleration.rate_change
-        self._rate_doubt = share * change[:, None] * change + self._rate_doubt / 4
-
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
-        return self._state.rate + self._mixture.mean[3:]
+        return self._state.rate
 
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
-        return (self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
-                + self._process_noise.excess[3:, 3:] + self._rate_doubt)
-
-    @property
-    def acceleration(self) -> Acceleration:
-        estimate = self._acceleration.estimate
-        # That of a steady turn is no more uncertain than its process noise says.
-        variance = estimate.process if estimate.way == STEADY else estimate.variance
-        return Acceleration(
-            estimate.value, np.sqrt(variance + self._acceleration_rad_s2 ** 2),
-            self._acceleration.lasts_s)
+        return self._covariance[3:, 3:]
 
     @property
     def cross_covariance(self) -> np.ndarray:
-        return (self._state.covariance[:3, 3:6] + self._mixture.covariance[:3, 3:]
-                + self._process_noise.excess[:3, 3:])
+        return self._covariance[:3, 3:]
+
+    @property
+    def acceleration(self) -> Acceleration:
+        interval_s = self._motion.interval_s
+        return Acceleration.of(
+            {tau_s: ahead(self._motion, tau_s, self._acceleration_rad_s2)
+             for tau_s in (0.0, -2 * interval_s, -interval_s, interval_s, 2 * interval_s)},
+            interval_s)
 
     def _compare_gyro(self, before_ns: int, was_used: bool) -> None:
         """
@@ -491,9 +518,9 @@ class AttitudeModel(StarModel):
             self._agreement.contradict()
         elif self._agreement.add(
                 state.stamp_ns, measured.quaternion,
-                super().with_systematic_errors(measured, 0.0).covariance_sensor,
+                super().budget(measured.covariance_sensor, 0.0).covariance,
                 state.drift, state.covariance[6:, 6:]):
-            self._set_state(state, False)
+            self._set_motion(self._motion, False)
         else:
             if not self.uses_gyro and self._agreement.is_enough(self._options.confirm_frames):
                 self.uses_gyro, self.gyro_trouble = True, ''
@@ -539,22 +566,28 @@ class _ErrorScale:
             self.value = max(largest, LEAST)
 
 
+def _with_turns(motion: Motion, error: np.ndarray) -> Motion:
+    """Return a motion of whose modes the attitudes have another error (3, 3) rad^2."""
+    if error is NO_ERROR:
+        return motion
+    covariance = motion.covariance.copy()
+    covariance[:, :3, :3] += error
+    return motion._replace(covariance=covariance)
+
+
+def _acceleration_of(motion: Motion) -> np.ndarray:
+    acceleration: np.ndarray = motion.weight @ motion.mean[:, 6:9]
+    return acceleration
+
+
 def _inliers(correction: Correction) -> int:
     return int(np.count_nonzero(correction.inlier))
 
 
 def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:
     """Return a state whose attitude has another error, of covariance (3, 3) rad^2."""
-    if error is _NO_ERROR:
+    if error is NO_ERROR:
         return state
     covariance = state.covariance.copy()
     covariance[:3, :3] += error
     return state._replace(covariance=covariance)
-
-
-def _with_jumps(state: AttitudeState, mixture: Mixture) -> AttitudeState:
-    """Return a state with the errors by jumps."""
-    covariance = state.covariance.copy()
-    covariance[:6, :6] += mixture.covariance
-    return state._replace(quaternion=turned(state.quaternion, mixture.mean[:3]),
-                          rate=state.rate + mixture.mean[3:], covariance=covariance)

@@ -27,9 +27,12 @@ class Correction(NamedTuple):
     along a streak as many sigma of the narrow direction, both infinity where it was missed; best
     (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False when
     there are too few inliers. innovation (3,) is the measured turn, whitened by its covariance:
-    its square is the normalised innovation squared, of 3 degrees of freedom. measured is the
-    prediction, corrected by the attitude that the stars measure alone: with a rolling shutter they
-    measure the rate as well, which corrects state. stars counts the
+    its square is the normalised innovation squared, of 3 degrees of freedom. The stars measure the
+    turn (3,) from the predicted attitude, of covariance turn_covariance (3, 3): information and
+    vector are (3, 3) and (3,). With a rolling shutter they measure the rate as well, (6, 6) and
+    (6,), and turn contains the error of the corrected rate; an error e of the acceleration that
+    brought the rows to one time changes what they measure by by_acceleration (6, 3) e, which is
+    (3, 3) and zero without a rolling shutter. stars counts the
     usable stars in the image; of the inliers residual_px is the rms of distance, chi2 the sum of
     normalised squared, and typical the median of normalised, NaN where there are too few.
     """
@@ -40,7 +43,11 @@ class Correction(NamedTuple):
     probability: np.ndarray
     unassociated: np.ndarray
     state: AttitudeState
-    measured: AttitudeState
+    information: np.ndarray
+    vector: np.ndarray
+    by_acceleration: np.ndarray
+    turn: np.ndarray
+    turn_covariance: np.ndarray
     inlier: np.ndarray
     distance: np.ndarray
     normalised: np.ndarray
@@ -98,9 +105,10 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         state = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
         inlier = (weight > 0) & detected
         if np.sum(inlier) < min_stars:
-            return Correction(False, inside, predicted_uv, beta, unassociated, state, state,
-                              inlier, distance, normalised, best, np.zeros(3), np.sum(usable),
-                              np.nan, np.nan, np.nan, np.nan)
+            return Correction(False, inside, predicted_uv, beta, unassociated, state,
+                              information, vector, np.zeros((len(vector), 3)), np.zeros(3),
+                              np.zeros((3, 3)), inlier, distance, normalised, best,
+                              np.zeros(3), np.sum(usable), np.nan, np.nan, np.nan, np.nan)
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
         if rolling:
             for star in range(len(corrected)):
@@ -110,8 +118,8 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         if normalised[worst] <= OUTLIER_SIGMA:
             break
         weight[worst] = 0.0
-    measured = state
-    turn_covariance = np.linalg.inv(np.ascontiguousarray(information[:3, :3]))
+    turn_covariance = np.ascontiguousarray(
+        np.linalg.inv(np.ascontiguousarray(information[:3, :3])))
     turn = turn_covariance @ vector[:3]
     S = P + turn_covariance
     if rolling:
@@ -119,14 +127,19 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         lever = turn_covariance @ np.ascontiguousarray(information[:3, 3:])
         cross = lever @ np.ascontiguousarray(predicted.covariance[3:6, :3])
         S += cross + cross.T + _turned(lever, predicted.covariance)
-        Y = np.linalg.inv(turn_covariance + _turned(lever, covariance))
-        quaternion, rate, drift, covariance = with_attitude(
-            predicted.quaternion, predicted.rate, predicted.drift, predicted.covariance, Y,
-            Y @ (turn - lever @ (rate - predicted.rate)))
-        measured = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
-    return Correction(True, inside, predicted_uv, beta, unassociated, state, measured, inlier,
-                      distance, normalised, best,
-                      np.linalg.solve(np.linalg.cholesky(S), turn), np.sum(usable),
+    innovation = np.linalg.solve(np.linalg.cholesky(S), turn)
+    by_acceleration = np.zeros((len(vector), 3))
+    if rolling:
+        # An error e moves a star by J delay_s^2 / 2 e.
+        for power in range(2):
+            by_acceleration[3 * power:3 * power + 3] = normal_equations(
+                H, z, R, weight * delay ** (2 + power) / 2)[0]
+        by_acceleration = np.ascontiguousarray(np.linalg.solve(information, by_acceleration))
+        turn = turn - lever @ (rate - predicted.rate)
+        turn_covariance = turn_covariance + _turned(lever, covariance)
+    return Correction(True, inside, predicted_uv, beta, unassociated, state, information, vector,
+                      by_acceleration, turn, turn_covariance, inlier, distance, normalised, best,
+                      innovation, np.sum(usable),
                       np.sqrt(np.mean(distance[inlier] ** 2)), np.sum(normalised[inlier] ** 2),
                       np.median(normalised[inlier]), _precise(error[best[inlier]],
                                                               normalised[inlier]))

@@ -5,9 +5,9 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-import math
 
 import numpy as np
+from startracker_ros.core.attitude.error_budget import ErrorBudget, NO_ERROR
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.systematic_errors import systematic_covariance
 from startracker_ros.core.camera.lens import Lens
@@ -23,7 +23,7 @@ from startracker_ros.core.track.motion_models import moved_by
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rotation_fit import RotationFit
 from startracker_ros.core.track.start import Start
-from startracker_ros.core.track.tracks import Acceleration
+from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 
 _NO_TRACKS = TrackBank.empty()
 
@@ -82,8 +82,11 @@ class StarModel(ABC):
     def start(self, start: Start) -> None:
         """Begin at the identified frame of a start with its rate, without tracks."""
 
+    def resume(self, before: 'StarModel') -> None:  # noqa: B027  # only one model has any
+        """Use what a model before the start has learnt of the motion, where it did."""
+
     @property
-    def predicted_attitude(self) -> AttitudeEstimate | None:
+    def predicted(self) -> TrackedAttitude | None:
         """Return the attitude at the last frame, good or not, of a model that has one."""
         return None
 
@@ -100,7 +103,7 @@ class StarModel(ABC):
     @property
     def acceleration(self) -> Acceleration:
         """Return the angular acceleration at the last frame."""
-        return Acceleration(np.zeros(3), self._options.acceleration_rad_s2, math.inf)
+        return Acceleration(np.zeros(3), self._options.acceleration_rad_s2, *[np.zeros(3)] * 2)
 
     @property
     def lens(self) -> Lens:
@@ -140,21 +143,20 @@ class StarModel(ABC):
                 centroids.uv, variance, self.rate_rad_s, self.rate_covariance))), confirmed)
         self.bank = self.bank.joined(added) if len(self.bank) else added
 
-    def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
-                               ) -> AttitudeEstimate:
+    def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
         """
-        Return an attitude of the last frame with the errors of aberration, lens and stamp.
+        Return the errors of an attitude of the last frame, of which the filter has own (3, 3).
 
         velocity_sigma_m_s is the 1 sigma of the unknown velocity of the observer per axis.
         """
-        bank = self.bank
-        systematic = systematic_covariance(
-            self._camera.lens, self._camera.pixel_rad, bank.state, bank.variance, bank.detected,
-            float(velocity_sigma_m_s), self.lens_error_px, self.lens_scale,
-            self.stamp_turn_rad)
-        return AttitudeEstimate(
-            estimate.quaternion, estimate.covariance_sensor + systematic, estimate.stars,
-            estimate.residual_rad, estimate.chi2)
+        by_velocity = by_lens = NO_ERROR
+        if velocity_sigma_m_s or self.lens_error_px or self.lens_scale:
+            bank = self.bank
+            by_velocity, by_lens = systematic_covariance(
+                self._camera.lens, self._camera.pixel_rad, bank.state, bank.variance,
+                bank.detected, float(velocity_sigma_m_s), self.lens_error_px, self.lens_scale)
+        return ErrorBudget(own, stamps=np.outer(self.stamp_turn_rad, self.stamp_turn_rad),
+                           lens=by_lens, observer=by_velocity)
 
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
         """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""

@@ -28,6 +28,7 @@ and their signs decide alone after twice as many. Stamps that have erred so far 
 so: less is significant then, and what is known fades slowly.
 """
 
+from collections import deque
 import math
 from typing import NamedTuple
 
@@ -35,10 +36,14 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import rotation_between
-from startracker_ros.core.maths.small_algebra import inverse, is_positive_definite
+from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 MEMORY = 0.95  # of the rates of the frames before
+RECENT = 8  # frames of whose predictions the errors are known
+PREDICTED = 6.0
+"""Variance of a prediction of an oscillation by three attitudes, over that of one of them."""
+
 FADES = 0.98  # from frame to frame, a variance that the last frames alone do not show
 DOUBT_S, DOUBT_FRAMES = 5e-3, 10
 """What stamps of frames that are stamped on arrival err by, on a machine that is not loaded."""
@@ -59,7 +64,8 @@ class StampJitter:
     def __init__(self) -> None:
         self.sigma_s = 0.0
         self.turn_rad = np.zeros(3)
-        self._rate, self._square, self._frames = np.zeros(3), np.zeros(3), 0
+        self._rate, self._frames = np.zeros(3), 0
+        self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT)
         self._differences = Differences.empty()
         self.interrupt()
 
@@ -70,20 +76,18 @@ class StampJitter:
         self._differences.step.fill(math.nan)
 
     def add(self, before: AttitudeState, predicted: AttitudeState, corrected: AttitudeState,
-            measured: AttitudeState, white_rad2: np.ndarray) -> None:
+            turn: np.ndarray, R: np.ndarray) -> None:
         """
         Add a frame: the state of the frame before, the prediction, and the corrected one.
 
-        measured is the latter without errors that all stars share; white_rad2 (3,) is the largest
-        variance of errors that are another one in each frame.
+        turn (3,) from the prediction is what the stars measure, of covariance R (3, 3).
         """
         self._frames += 1
         self._rate = MEMORY * self._rate + (1 - MEMORY) * corrected.rate
-        self._square = MEMORY * self._square + (1 - MEMORY) * corrected.rate ** 2
         rate = self._rate / (1 - MEMORY ** self._frames)
         interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
         adds, learnt_s2, variance_s2 = add_frame(
-            self._differences, before, predicted, corrected, measured,
+            self._differences, before, predicted, corrected, turn, R,
             interval_s / self._interval_s,
             self._frames > DOUBT_FRAMES and bool(self.turn_rad.any()))
         if not adds:
@@ -93,16 +97,19 @@ class StampJitter:
         # A few times that happen to agree do not end what many have shown.
         learnt_s2 = max(learnt_s2, FADES * self.sigma_s ** 2)
         self.sigma_s = math.sqrt(learnt_s2) if learnt_s2 > variance_s2 else 0.0
-        most_s = self._most_s(white_rad2, np.diagonal(measured.covariance)[:3])
+        # Errors of the stamps are errors of a prediction as well.
+        along = np.linalg.solve(R, corrected.rate)
+        speed2 = float(along @ corrected.rate)
+        if speed2:
+            self._recent.append((float(along @ turn) ** 2 / speed2 - PREDICTED, speed2))
+        most_s = math.inf
+        if self._frames > DOUBT_FRAMES and self._recent:
+            excess, weight_s2 = np.sum(self._recent, axis=0)
+            most_s = math.sqrt(max(excess, 0.0) / weight_s2)
         self.sigma_s = min(self.sigma_s, most_s)
         sigma_s = min(max(self.sigma_s, self._doubt_s()), most_s)
         self.turn_rad = (sigma_s * max(rate, corrected.rate, key=np.linalg.norm)
                          if sigma_s else np.zeros(3))
-
-    def _most_s(self, white_rad2: np.ndarray, variance: np.ndarray) -> float:
-        """Return the largest standard deviation that errors (3,) of attitudes leave room for."""
-        square = self._square / (1 - MEMORY ** self._frames)
-        return math.sqrt((white_rad2 / variance).sum() / (square / variance).sum())
 
     def _doubt_s(self) -> float:
         """Return the standard deviation that the first frames do not exclude."""
@@ -155,43 +162,19 @@ class Differences(NamedTuple):
 
 
 @compiled
-def measured_turn(predicted: AttitudeState, corrected: AttitudeState
-                  ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """
-    Return whether the stars of a frame add an attitude, their turn (3,) and covariance (3, 3).
-
-    An update by attitude alone adds its information: Y = P+^-1 - P-^-1 of the attitude, and
-    x+ - x- = P+ y. The measured turn is Y^-1 y, its covariance Y^-1.
-    """
-    information = inverse(corrected.covariance)
-    Y = information - inverse(predicted.covariance)
-    R = inverse(Y)
-    change = rotation_between(predicted.quaternion, corrected.quaternion)
-    turn = np.zeros(3)
-    for i in range(3):
-        y = 0.0
-        for j in range(3):
-            y += information[i, j] * change[j]
-        for k in range(3):
-            turn[k] += R[k, i] * y
-    return is_positive_definite(Y), turn, R
-
-
-@compiled
 def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeState,
-              corrected: AttitudeState, measured: AttitudeState, interval_ratio: float,
+              corrected: AttitudeState, turn: np.ndarray, R: np.ndarray, interval_ratio: float,
               expected: bool) -> tuple[bool, float, float]:
     """
     Add t_k of a frame to the memory; return the variance of the stamps and r, both s^2.
 
-    With the attitude a_k that measured has beside the prediction, its covariance R and the
+    With the turn (3,) from the prediction that the stars measure, its covariance R (3, 3) and the
     predicted rate w, as in stamp_jitter.py: r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k.
     interval_ratio is dt_k / dt_k-1, expected whether the stamps have erred so far. The first is
     False where there is no such attitude, or w is zero.
     """
     rate = predicted.rate
-    adds, turn, R = measured_turn(predicted, measured)
-    if not adds or not rate.any():
+    if not rate.any():
         return False, np.nan, np.nan
     between = rotation_between(before.quaternion, predicted.quaternion)
     correction = rotation_between(predicted.quaternion, corrected.quaternion)

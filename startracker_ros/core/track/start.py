@@ -146,7 +146,8 @@ def start_of_prediction(predicted: Hint, frame: IdentifiedFrame) -> Start | None
 def _confirmed(hint: Hint, frame: IdentifiedFrame, where: str, *, hinted: bool) -> Start | None:
     """Return the start at a frame that agrees with an attitude; None without one."""
     dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9
-    rate_covariance = hint.rate_covariance + _RATE_FLOOR_RAD_S ** 2 * np.eye(3)
+    floor_rad_s = _RATE_FLOOR_RAD_S if hinted else 0.0
+    rate_covariance = hint.rate_covariance + floor_rad_s ** 2 * np.eye(3)
     if not (_is_within(hint.covariance, MAX_SIGMA_RAD)
             and _is_within(hint.rate_covariance, MAX_RATE_SIGMA_RAD_S)):
         return None

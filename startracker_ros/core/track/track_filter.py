@@ -12,7 +12,7 @@ import numpy as np
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.core.attitude.systematic_errors import with_epoch_error
+from startracker_ros.core.attitude.systematic_errors import epoch_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -162,12 +162,11 @@ class TrackFilter:
         """
         if self.state is not TrackerState.TRACKING or self._bank_stamp_ns != self._stamp_ns:
             return None
-        attitude = self._model.predicted_attitude or (
-            None if self.attitude is None else self.attitude.attitude)
-        if attitude is None:
+        predicted = self._model.predicted or self.attitude
+        if predicted is None:
             return None
-        return predict_stars(self._stars, self._tracked_sky, self._stamp_ns, attitude,
-                             self._model.rate_rad_s, self._options)
+        return predict_stars(self._stars, self._tracked_sky, self._stamp_ns, predicted.attitude,
+                             predicted.rate_rad_s, self._options)
 
     @property
     def gyro_trouble(self) -> str:
@@ -393,12 +392,12 @@ class TrackFilter:
         Only in a fast turn, where faint stars leave the image before as many new ones count.
         Where those followed are seen and do not agree, the motion is not as predicted.
         """
-        attitude = self._model.predicted_attitude
-        if (attitude is None or self._seen is None or not self._crosses_fast(stamp_ns)
+        predicted = self._model.predicted
+        if (predicted is None or self._seen is None or not self._crosses_fast(stamp_ns)
                 or self._are_seen(frame)):
             return
         star_index, centroid = match_new_stars(
-            self._stars, self._tracked_sky, attitude, frame.uv, frame.flux,
+            self._stars, self._tracked_sky, predicted.attitude, frame.uv, frame.flux,
             self._model.sigma_px(frame), self._zero_point(self._seen),
             self._options.magnitude_tolerance)
         hip = np.zeros(len(frame), np.int64)
@@ -408,10 +407,12 @@ class TrackFilter:
         if found is None or self._misplaced(found.attitude, found.star_index, found.scale, frame):
             return
         start = start_of_prediction(
-            Hint(stamp_ns, attitude.quaternion, attitude.covariance_sensor,
-                 self._model.rate_rad_s, self._model.rate_covariance), found)
+            Hint(stamp_ns, predicted.attitude.quaternion, predicted.attitude.covariance_sensor,
+                 predicted.rate_rad_s, predicted.rate_covariance), found)
         if start is not None:
+            before = self._model
             self._start(start)
+            self._model.resume(before)
 
     def _crosses_fast(self, stamp_ns: int) -> bool:
         """Return whether stars leave the image within some frames of this interval."""
@@ -483,14 +484,17 @@ class TrackFilter:
 
     def _with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         sky, bank = self._tracked_sky, self._model.bank
-        estimate = self._model.with_systematic_errors(estimate, sky.observer.velocity_sigma_m_s)
-        if not sky.observer.epoch_sigma_years:
-            return estimate
-        seen = bank.detected
-        return with_epoch_error(
-            estimate, sky.observer.epoch_sigma_years, self._camera.unproject(bank.uv[seen]),
-            self._camera.pixel_rad * np.sqrt(bank.variance[seen]),
-            sky.motion(bank.star_index[seen]))
+        budget = self._model.budget(
+            estimate.covariance_sensor, sky.observer.velocity_sigma_m_s)
+        if sky.observer.epoch_sigma_years:
+            seen = bank.detected
+            budget = budget._replace(epoch=epoch_covariance(
+                estimate.quaternion, sky.observer.epoch_sigma_years,
+                self._camera.unproject(bank.uv[seen]),
+                self._camera.pixel_rad * np.sqrt(bank.variance[seen]),
+                sky.motion(bank.star_index[seen])))
+        return AttitudeEstimate(estimate.quaternion, budget.covariance, estimate.stars,
+                                estimate.residual_rad, estimate.chi2, budget)
 
     def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
         return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s

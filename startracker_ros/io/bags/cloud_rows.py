@@ -133,4 +133,13 @@ def tracker_state_values(tracker: 'TrackFilter') -> dict[str, object]:
         'rejected_centroids': tracker.rejected_centroids,
         'gyro': tracker.gyro_condition,
         'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
+        **_budget_values(tracker),
         'reason': tracker.contradiction or tracker.reason}
+
+
+def _budget_values(tracker: 'TrackFilter') -> dict[str, str]:
+    """Return 1 sigma about x, y, z of each term of the error budget, with an attitude alone."""
+    budget = None if tracker.attitude is None else tracker.attitude.attitude.budget
+    return {} if budget is None else {
+        f'error_budget.{name}_arcsec': ' '.join(f'{one:.3g}' for one in sigma.tolist())
+        for name, sigma in budget.sigma_arcsec.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.core.astro.constants import YEAR_S
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.sim.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_debris, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
@@ -17,7 +17,7 @@ from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 from startracker_ros.sim.sky.exposure import image_paths
 from startracker_ros.sim.sky.motion_state import Motion, MotionState
 from startracker_ros.sim.sky.sensors import Gyro, GyroOptions, NavigationOptions
-from startracker_ros.sim.sky.shake import ShakenMotion, STILL
+from startracker_ros.sim.sky.shake import ShakenMotion, STILL, uneven_instants
 from startracker_ros.sim.sky.sources import SceneStars, Sky, SkyOptions
 from startracker_ros.sim.sky.target import Target, TargetOptions
 
@@ -32,7 +32,8 @@ class Frame:
 
     stars are the sources centred in the image at the middle of the exposure of their row,
     planets, satellites and star-like spots included; flux_dn (N,) is the flux of each in DN.
-    artefacts are those of the image.
+    artefacts are those of the image; q_mean (4,) is q_icrf_from_sensor of the mean pointing of an
+    exposure about the stamp: that of state where the motion within it is uniform.
     """
 
     image: np.ndarray
@@ -40,17 +41,7 @@ class Frame:
     stars: SceneStars
     flux_dn: np.ndarray
     artefacts: Artefacts
-
-    @property
-    def q_mean(self) -> np.ndarray:
-        """
-        Return q_icrf_from_sensor (4,) of the mean pointing of the exposure.
-
-        It is that of state where the motion within the exposure is uniform.
-        """
-        mean = self.artefacts.shaking.mean_rad
-        return multiply(self.state.q_icrf_from_sensor,
-                        quaternion_from_rotation_vector([*mean, 0.0]))
+    q_mean: np.ndarray
 
 
 class SkySimulator:
@@ -109,7 +100,7 @@ class SkySimulator:
             return _torn(frame, self.frame(before_s), int(rng.integers(1, self._camera.height)))
         if rng.random() < repeated:
             before = self.frame(before_s)
-            return replace(before, state=frame.state,
+            return replace(before, state=frame.state, q_mean=frame.q_mean,
                            artefacts=replace(before.artefacts, repeated=True))
         return frame
 
@@ -145,7 +136,17 @@ class SkySimulator:
                               ghosts=ghosts, second_images=second_images, cosmic_ray_hits=hits,
                               defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
-                     detector.flux_dn(stars.magnitude), artefacts)
+                     detector.flux_dn(stars.magnitude), artefacts, self._mean_pointing(time_s))
+
+    def _mean_pointing(self, time_s: float) -> np.ndarray:
+        """Return q_icrf_from_sensor (4,) of the mean pointing of an exposure about a time."""
+        q, options = self._motion.at(time_s).q_icrf_from_sensor, self._detector.options
+        if not options.motion_smear:
+            return q
+        instants_s, weight = uneven_instants(options.exposure_s)
+        return turned(q, weight @ np.array([
+            rotation_between(q, self._motion.at(time_s + one).q_icrf_from_sensor)
+            for one in instants_s]))
 
     def _sources(self, time_s: float) -> tuple[SceneStars, np.ndarray, np.ndarray, np.ndarray]:
         """

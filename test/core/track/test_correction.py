@@ -111,19 +111,32 @@ def test_stars_of_a_rolling_shutter_measure_the_rate_as_well():
         attitude_error(found.state.quaternion, Q), x[:3], atol=0.1 * np.sqrt(P[0, 0]))
     np.testing.assert_allclose(
         found.state.rate - before.rate, x[3:], atol=0.1 * np.sqrt(P[3, 3]))
-    # With no knowledge from before the stars alone have the attitude of the least squares.
+    # The attitude by the stars alone is known less well than with a known rate.
     loose = np.linalg.inv(design.T @ design)[:3, :3]
-    alone = np.linalg.inv(found.measured.covariance[:3, :3]) - np.linalg.inv(
-        before.covariance[:3, :3])
     tight = np.linalg.inv((design.T @ design)[:3, :3])
-    assert (np.diag(tight) < np.diag(np.linalg.inv(alone))).all()
-    assert (np.diag(np.linalg.inv(alone)) < np.diag(loose)).all()
+    assert (np.diag(tight) < np.diag(found.turn_covariance)).all()
+    assert (np.diag(found.turn_covariance) < np.diag(loose)).all()
+    np.testing.assert_allclose(found.turn, turn, atol=4 * np.sqrt(loose[0, 0]))
+
+
+def test_an_acceleration_changes_what_a_rolling_shutter_shows():
+    icrf, delay_s = stars(40), np.random.default_rng(5).uniform(-0.03, 0.05, 40)
+    acceleration = np.array([0.02, -0.01, 0.03])
+    uv, moved = (np.array([pixels(one[None], late ** 2 / 2 * error)[0]
+                           for one, late in zip(icrf, delay_s)])
+                 for error in (np.zeros(3), acceleration))
+    before, after = (corrected(icrf, one, delay_s=delay_s) for one in (uv, moved))
+    measured = np.linalg.solve(before.information, after.vector - before.vector)
+    np.testing.assert_allclose(
+        measured, before.by_acceleration @ acceleration, rtol=0.02, atol=1e-9)
 
 
 def test_without_a_rolling_shutter_the_attitude_is_all_that_is_measured():
     icrf = stars(20)
     found = corrected(icrf, pixels(icrf, TURN / 10))
-    np.testing.assert_array_equal(found.measured.covariance, found.state.covariance)
+    np.testing.assert_allclose(found.turn, TURN / 10, rtol=0.01)
+    np.testing.assert_allclose(found.turn_covariance, np.linalg.inv(found.information))
+    assert found.information.shape == (3, 3) and not found.by_acceleration.any()
 
 
 def test_tracks_move_with_the_body():

@@ -96,7 +96,7 @@ def test_an_oscillation_is_no_error_of_the_stamps(rate_deg_s):
     assert np.mean(np.array(sigmas) > 0) < 0.15
 
 
-def test_a_shaken_camera_is_no_error_of_the_stamps():
+def test_a_shaken_camera_is_no_larger_error_of_the_stamps_than_it_moves():
     # Along the rate it moves now and then more than across it.
     sigmas = [learnt(Shaken(ONBOARD, (0.1, 0.0, 0.0), seed=seed)) for seed in range(10)]
-    assert np.mean(np.array(sigmas) > 0) < 0.5
+    assert 0.1 * np.array(sigmas).max() < 0.01

@@ -1,0 +1,47 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a published covariance consists of. Free of compiled code, which is slow to import."""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.maths.rotation import ARCSEC
+
+NO_ERROR = np.zeros((3, 3))
+
+
+class ErrorBudget(NamedTuple):
+    """
+    The covariances (3, 3) rad^2 about sensor axes that add up to that of an attitude.
+
+    stars        noise of centroids and catalogue, through the filter: motion_filter.py
+    motion       motions that may begin in the frame, and their light: motion_filter.py
+    exposure     shaking within the exposure, alike for all stars: centroids
+    stamps       errors of the stamps, times the rate: stamp_jitter.py
+    shutter      errors of line_time_us, times the rate: attitude_model.py
+    lens         errors of the lens that stay from frame to frame: lens_error.py
+    observer     its unknown velocity, by aberration: observer_motion.py
+    epoch        unknown date, by proper motion: systematic_errors.py
+    """
+
+    stars: np.ndarray = NO_ERROR
+    motion: np.ndarray = NO_ERROR
+    exposure: np.ndarray = NO_ERROR
+    stamps: np.ndarray = NO_ERROR
+    shutter: np.ndarray = NO_ERROR
+    lens: np.ndarray = NO_ERROR
+    observer: np.ndarray = NO_ERROR
+    epoch: np.ndarray = NO_ERROR
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """The sum (3, 3) of all."""
+        total: np.ndarray = sum(self[1:], self[0])
+        return total
+
+    @property
+    def sigma_arcsec(self) -> dict[str, np.ndarray]:
+        """1 sigma (3,) about sensor axes of each term."""
+        return {name: np.sqrt(np.maximum(np.diag(term), 0.0)) / ARCSEC
+                for name, term in self._asdict().items()}

@@ -1,0 +1,517 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The motion of the body: an interacting multiple model filter of attitude and rate, compiled.
+
+The stars of a frame measure the attitude; how the body goes on is not known. Several Kalman
+filters run side by side, one for each mode of motion, and are mixed as by Blom and Bar-Shalom
+(IEEE Trans. Autom. Control 33, 1988). With the probability mu_i of mode i and the probability
+p_ij of a change from i to j:
+
+    c_j = sum p_ij mu_i,  mu_i|j = p_ij mu_i / c_j,  x0_j = sum mu_i|j x_i,
+    P0_j = sum mu_i|j (P_i + (x_i - x0_j) (x_i - x0_j)^T),
+    each is predicted and updated by the frame,  mu_j = c_j L_j / sum c_k L_k,
+
+L_j the likelihood of the frame. p_ij is STAYS if the mode does not change, else by the share that
+mode j had in the frames before: of a body that turns steadily none is left for jumps.
+
+The error state of a mode is [turn, rate, acceleration, drift] about sensor axes, (12,). Modes:
+
+    steady       constant rate, white acceleration
+    torque       constant acceleration, white jerk
+    swing        acceleration' = -w^2 (rate - r), white jerk; w of the whole body by least squares,
+                 r its mean rate
+    jump         as steady, with accelerations that no torque of the others gives
+
+The process noise of the first three is in units of what one frame measures: they predict the next
+frame to k sigma of its own attitude. What is smaller does not show, at any camera. That of jumps
+is in units of the acceleration of the options.
+
+What is published has the mean and the covariance of the mixture. A normal distribution of these
+moments has no such tails as the mixture: with a mode of the probability p, whose mean is m away
+and whose sigma is s, the sigma of an axis is at least (|m| + c s) / 5, c as of tail_sigmas().
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_rotation import (
+    matrix_from_rotation_vector, rotation_between, turned)
+from startracker_ros.core.maths.small_algebra import inverse
+
+STEADY, TORQUE, SWING, JUMP = 0, 1, 2, 3
+KIND = np.array([STEADY, TORQUE, TORQUE, TORQUE, TORQUE, SWING, SWING, JUMP, JUMP])
+SIZE = np.array([1.0, 0.02, 0.2, 2.0, 20.0, 0.1, 1.0, 100.0, 1000.0])
+"""Of each mode: sigmas of a frame that its prediction is off by, of jumps the acceleration in
+units of that of the options."""
+
+SUDDEN = SIZE >= 20.0  # modes of motions that begin within a frame
+
+STAYS = 0.95  # probability that a mode lasts to the next frame
+NEGLIGIBLE = 1e-2  # share of a mode that is not mixed into it
+LEAST_SHARE = np.full(len(KIND), 1e-4)  # of modes that were not seen for long
+LEAST_NEXT = np.array([1e-4, 1e-4, 1e-4, 0.05, 0.02, 1e-4, 1e-4, 0.02, 0.02])
+"""The same in the next frame: when a motion begins is not known before. What is predicted further
+ahead is what the body has been seen to do."""
+
+FIRST_FRAMES, MOST_FRAMES = 5.0, 200.0  # that the shares are the means of
+FIRST_SHARE = np.array([1.0, 0.1, 0.1, 0.05, 0.01, 0.1, 0.05, 0.005, 0.005])
+"""Shares before the first frame, not normalised: most bodies turn smoothly."""
+
+NOISE_MEMORY = 0.95  # of the size of the noise of a frame
+SWING_MEMORY = 0.93  # of the sums of the fit of w
+FASTEST = -1.0  # 2 cos(w dt): three frames in a period
+SIGNIFICANT_ENERGY = 200.0  # of a swing, over the variance of the noise; that of noise: 55
+FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
+MISSED = 4e-5
+"""Probability that the attitude is beyond WRONG_SIGMAS by an improbable mode."""
+
+MISSED_LIGHT = 1e-3
+"""The same by a jump within an exposure: most frames have no jump."""
+
+_N = 12  # numbers of the error state
+
+
+class Motion(NamedTuple):
+    """
+    What is known of the motion at a time.
+
+    quaternion (4,) is the mean attitude, q_icrf_from_sensor. Of the M modes: mean (M, 12) of the
+    error state [turn from the quaternion, rate, acceleration, drift of the gyro] and covariance
+    (M, 12, 12), weight (M,) the probabilities, share (M,) their means in the frames before, of a
+    number of frames. noise (3,) rad^2 is the variance of the attitude that the stars of a frame
+    measure, interval_s that of the frames, zero while unknown; swing (20,) is what is known of a
+    swing.
+    """
+
+    stamp_ns: int
+    quaternion: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    weight: np.ndarray
+    share: np.ndarray
+    noise: np.ndarray
+    interval_s: float
+    frames: float
+    swing: np.ndarray
+
+
+# Of the array swing: the attitude measured last, the turn from the one before, its change, the
+# change before, NaN where not known; sums of a_k-1 (a_k + a_k-2) and of a_k-1^2 over the variance
+# of a change, less what noise gives; w^2; the mean rate of the swing, with its weight.
+LAST, TURN, CHANGE, OLDER = slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13)
+PRODUCT, ENERGY, W2, WEIGHT, CENTRE = 13, 14, 15, 16, slice(17, 20)
+
+
+def started(state: AttitudeState, noise: np.ndarray, interval_s: float) -> Motion:
+    """Return the motion of a state, each mode with its attitude and rate; noise is (3,)."""
+    count = len(KIND)
+    share = FIRST_SHARE / FIRST_SHARE.sum()
+    mean, P = np.zeros((count, _N)), np.zeros((count, _N, _N))
+    mean[:, 3:6], mean[:, 9:] = state.rate, state.drift
+    seen = np.r_[0:6, 9:12]
+    for mode in range(count):
+        P[mode][np.ix_(seen, seen)] = state.covariance
+        if KIND[mode] in (TORQUE, SWING):
+            P[mode][6:9, 6:9] = np.eye(3) * FIRST_ACCELERATION ** 2
+    swing = np.full(20, np.nan)
+    swing[PRODUCT:] = 0.0
+    return Motion(state.stamp_ns, state.quaternion, mean, P, share.copy(), share, noise,
+                  interval_s, FIRST_FRAMES, swing)
+
+
+def restarted(motion: Motion, state: AttitudeState) -> Motion:
+    """Return a motion that goes on from a state, which is known without its modes."""
+    mean, P = motion.mean.copy(), motion.covariance.copy()
+    mean[:, :3], mean[:, 3:6], mean[:, 9:] = 0.0, state.rate, state.drift
+    seen = np.r_[0:6, 9:12]
+    P[:, 6:9, seen] = 0.0
+    P[:, seen, 6:9] = 0.0
+    P[np.ix_(range(len(P)), seen, seen)] = state.covariance
+    return motion._replace(stamp_ns=state.stamp_ns, quaternion=state.quaternion, mean=mean,
+                           covariance=P, weight=motion.share)
+
+
+def interrupted(motion: Motion) -> Motion:
+    """Return a motion whose next frame has no neighbour: its differences begin again."""
+    swing = motion.swing.copy()
+    swing[:PRODUCT] = np.nan
+    return motion._replace(swing=swing)
+
+
+def state_of(motion: Motion, modes: np.ndarray | None = None) -> AttitudeState:
+    """Return attitude, rate and drift of the mixture, or of some modes (K,) of it."""
+    weight = motion.weight if modes is None else np.where(
+        np.isin(np.arange(len(KIND)), modes), motion.weight, 0.0)
+    mean, P = mixture(weight, motion.mean, motion.covariance)
+    seen = np.r_[0:6, 9:12]
+    return AttitudeState(motion.stamp_ns, turned(motion.quaternion, mean[:3]), mean[3:6],
+                         mean[9:], P[np.ix_(seen, seen)])
+
+
+@compiled
+def mixture(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean (N,) and covariance (N, N) of a mixture of weights (M,), not normalised."""
+    total, n = weight.sum(), mean.shape[1]
+    middle, P = np.zeros(n), np.zeros((n, n))
+    for k in range(len(weight)):
+        middle += weight[k] / total * mean[k]
+    for k in range(len(weight)):
+        if weight[k] == 0:
+            continue
+        away = mean[k] - middle
+        P += weight[k] / total * (covariance[k] + np.outer(away, away))
+    return middle, P
+
+
+@compiled
+def mixed(motion: Motion, before: np.ndarray, acceleration: np.ndarray, least: np.ndarray
+          ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return weight (M,), mean (M, N) and covariance (M, N, N) of the modes before a prediction.
+
+    before (M,) are their weights, least (M,) their least shares. No mode but the first has more
+    than the largest acceleration of the jumps.
+    """
+    count, n = motion.mean.shape
+    share = motion.share + least
+    for j in range(count):
+        # Without a frequency it is the torque of the same size.
+        if KIND[j] == SWING and motion.swing[W2] == 0:
+            share[j] = 0.0
+        shown = SIZE[j] * math.sqrt(3 * motion.noise[0]) / motion.interval_s ** 2
+        if j > 0 and KIND[j] != JUMP and shown > SIZE[-1] * acceleration.max():
+            share[j] = 0.0
+    share = share / share.sum()
+    mean, P = np.empty((count, n)), np.empty((count, n, n))
+    weight = np.empty(count)
+    for j in range(count):
+        to_j = before * ((1 - STAYS) * share[j])
+        to_j[j] += before[j] * STAYS
+        weight[j] = to_j.sum()
+        if weight[j] == 0:
+            to_j = before
+        # What hardly any of a mode comes from would widen it all the same, in each frame.
+        to_j = np.where(to_j < NEGLIGIBLE * to_j.sum(), 0.0, to_j)
+        mean[j], P[j] = mixture(to_j, motion.mean, motion.covariance)
+    return weight, mean, P
+
+
+@compiled
+def transition_and_noise(kind: int, size: float, tau_s: float, w2: float, turn: np.ndarray,
+                         noise: np.ndarray, dt_s: float, acceleration: np.ndarray,
+                         drift_density: float) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return Phi and Q (12, 12) of a mode in a time tau_s, during which the body turns by turn (3,).
+
+    White acceleration of density q: Q of turn and rate [t^3 / 3, t^2 / 2; ., t] q. White jerk:
+    [t^5 / 20, t^4 / 8, t^3 / 6; ., t^3 / 3, t^2 / 2; ., ., t] q.
+    """
+    Phi, Q = np.eye(12), np.zeros((12, 12))
+    Phi[:3, :3] = matrix_from_rotation_vector(turn).T
+    t = abs(tau_s)
+    by_acceleration, of_rate, of_acceleration = tau_s * tau_s / 2, tau_s, 1.0
+    rate_kept, rate_turns, back = 1.0, tau_s, 0.0
+    if kind == SWING and w2 > 0:
+        w = math.sqrt(w2)
+        sine, cosine = math.sin(w * tau_s), math.cos(w * tau_s)
+        rate_turns, by_acceleration = sine / w, (1 - cosine) / w2
+        rate_kept, of_rate, of_acceleration, back = cosine, sine / w, cosine, -w * sine
+    for axis in range(3):
+        rate, more, sigma2 = 3 + axis, 6 + axis, size * size * noise[axis]
+        Phi[axis, rate] = rate_turns
+        if kind in (STEADY, JUMP):
+            q = (size * acceleration[axis]) ** 2 * dt_s
+            if kind == JUMP:
+                # It may go on at any of these accelerations.
+                Q[more, more] = (size * acceleration[axis]) ** 2
+            Q[axis, axis] = q * t ** 3 / 3
+            Q[axis, rate] = Q[rate, axis] = q * tau_s * t / 2
+            Q[rate, rate] = q * t
+            Phi[more, more] = 0.0
+        else:
+            q = sigma2 * 20 / dt_s ** 5
+            Phi[axis, more], Phi[rate, rate], Phi[rate, more] = by_acceleration, rate_kept, of_rate
+            Phi[more, rate], Phi[more, more] = back, of_acceleration
+            Q[axis, axis], Q[rate, rate], Q[more, more] = q * t ** 5 / 20, q * t ** 3 / 3, q * t
+            Q[axis, rate] = Q[rate, axis] = q * t ** 3 * tau_s / 8
+            Q[axis, more] = Q[more, axis] = q * t ** 3 / 6
+            Q[rate, more] = Q[more, rate] = q * t * tau_s / 2
+        Q[9 + axis, 9 + axis] = drift_density * t
+    return Phi, Q
+
+
+@compiled
+def turn_of(mean: np.ndarray, kind: int, tau_s: float, swing: np.ndarray) -> np.ndarray:
+    """Return the turn (3,) of a body with the rate and acceleration of a mode, mean (12,)."""
+    if kind in (STEADY, JUMP):
+        return tau_s * mean[3:6]
+    if kind == TORQUE or swing[W2] == 0:
+        return tau_s * (mean[3:6] + tau_s / 2 * mean[6:9])
+    w = math.sqrt(swing[W2])
+    return (tau_s * swing[CENTRE] + math.sin(w * tau_s) / w * (mean[3:6] - swing[CENTRE])
+            + (1 - math.cos(w * tau_s)) / swing[W2] * mean[6:9])
+
+
+@compiled
+def _carried(mean: np.ndarray, Phi: np.ndarray, kind: int, swing: np.ndarray) -> np.ndarray:
+    """Return the error state (12,) of a mode after its transition; the turn is left out."""
+    after = mean.copy()
+    after[:3] = 0.0
+    swings = kind == SWING and swing[W2] > 0
+    if swings:
+        after[3:6] -= swing[CENTRE]
+    after = Phi @ after
+    after[:3] = 0.0
+    if swings:
+        after[3:6] += swing[CENTRE]
+    return after
+
+
+@compiled
+def predicted(motion: Motion, to_ns: int, dt_s: np.ndarray, measured: np.ndarray,
+              variance: np.ndarray, acceleration: np.ndarray, drift_density: float) -> Motion:
+    """
+    Return the motion at a later time, each mode updated by rates of a gyro.
+
+    Rates measured (K, 3) rad/s of variance (K,) about each axis, dt_s (K + 1,) after one another
+    and up to the end. acceleration (3,) rad/s^2 is that of the options.
+    """
+    weight, mean, covariance = mixed(
+        motion, motion.weight, acceleration, LEAST_NEXT)
+    count, swing = len(weight), motion.swing
+    logs = np.zeros(count)
+    attitude = np.empty((count, 4))
+    for j in range(count):
+        x, P = mean[j], covariance[j]
+        q = turned(motion.quaternion, x[:3])
+        for k in range(len(dt_s)):
+            turn = turn_of(x, KIND[j], dt_s[k], swing)
+            Phi, Q = transition_and_noise(KIND[j], SIZE[j], dt_s[k], swing[W2], turn, motion.noise,
+                                          motion.interval_s, acceleration, drift_density)
+            q, x = turned(q, turn), _carried(x, Phi, KIND[j], swing)
+            P = Phi @ P @ Phi.T + Q
+            if k < len(measured):
+                x, P, logs[j] = _with_rate(x, P, measured[k], variance[k], logs[j])
+                q = turned(q, x[:3])
+                x[:3] = 0.0
+        mean[j], covariance[j], attitude[j] = x, P, q
+    weight = _by_logs(weight, logs)
+    # About the attitude of the most probable mode.
+    reference = attitude[np.argmax(weight)]
+    for j in range(count):
+        mean[j, :3] = rotation_between(reference, attitude[j])
+    return _about_mean(Motion(to_ns, reference, mean, covariance, weight, motion.share,
+                              motion.noise, motion.interval_s, motion.frames, motion.swing))
+
+
+@compiled
+def _with_rate(x: np.ndarray, P: np.ndarray, measured: np.ndarray, variance: float, log: float
+               ) -> tuple[np.ndarray, np.ndarray, float]:
+    """K = P H^T S^-1 with H = [0 I 0 I], S = H P H^T + R; x <- x + K z, P <- P - K H P."""
+    cross = P[:, 3:6] + P[:, 9:]
+    S = cross[3:6] + cross[9:] + variance * np.eye(3)
+    innovation = measured - x[3:6] - x[9:]
+    gain = np.ascontiguousarray(np.linalg.solve(S, np.ascontiguousarray(cross.T)).T)
+    after = P - gain @ np.ascontiguousarray(cross.T)
+    log -= (innovation @ np.linalg.solve(S, innovation) + math.log(np.linalg.det(S))) / 2
+    return x + gain @ innovation, (after + after.T) / 2, log
+
+
+@compiled
+def _by_logs(weight: np.ndarray, logs: np.ndarray) -> np.ndarray:
+    """Return weights (M,) times likelihoods of these logarithms, normalised."""
+    after = np.maximum(weight, 1e-300) * np.exp(logs - logs.max())
+    return after / after.sum()
+
+
+@compiled
+def by_experience(weight: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return the weights (M,) after a frame, without LEAST_NEXT: of what has been seen."""
+    seen = weight * (share + LEAST_SHARE) / (share + LEAST_NEXT)
+    return seen / seen.sum()
+
+
+@compiled
+def _about_mean(motion: Motion) -> Motion:
+    """Return the motion with the mean attitude as its quaternion."""
+    shift = np.zeros(3)
+    for j in range(len(motion.weight)):
+        shift += motion.weight[j] * motion.mean[j, :3]
+    quaternion = turned(motion.quaternion, shift)
+    mean = motion.mean.copy()
+    for j in range(len(mean)):
+        mean[j, :3] = rotation_between(quaternion, turned(motion.quaternion, mean[j, :3]))
+    return Motion(motion.stamp_ns, quaternion, mean, motion.covariance, motion.weight,
+                  motion.share, motion.noise, motion.interval_s, motion.frames, motion.swing)
+
+
+@compiled
+def updated(motion: Motion, quaternion: np.ndarray, rate: np.ndarray, information: np.ndarray,
+            vector: np.ndarray, by_acceleration: np.ndarray, moved: np.ndarray) -> Motion:
+    """
+    Return the motion updated by what the stars of a frame measure.
+
+    information (3, 3) is that of their turn from a quaternion (4,), vector (3,) information times
+    the turn; with (6, 6) and (6,) they measure the difference from a rate (3,) as well. An
+    acceleration a changes what they measure by L a, L = by_acceleration (6, 3), else (3, 3): rows
+    of a rolling shutter, which were brought to one time by the motion that was assumed, moved (6,)
+    by its acceleration, and long streaks. With H = [I 0 L_1 0; 0 I L_2 0], Y
+    the information, y the vector about the prediction of a mode, S = H P H^T:
+    P <- P - P H^T (I + Y S)^-1 Y H P, x <- x + P H^T (I + Y S)^-1 y, and
+    -2 log L = log det(I + Y S) + d^T Y d - y^T S (I + Y S)^-1 y, d the measurement from there.
+    """
+    count, n = len(motion.weight), len(vector)
+    mean, covariance, logs = motion.mean.copy(), motion.covariance.copy(), np.empty(count)
+    base, H = np.zeros(n), np.zeros((n, 12))
+    base[:3] = rotation_between(motion.quaternion, quaternion)
+    if n > 3:
+        base[3:] = rate
+    base += moved
+    H[:, :n], H[:, 6:9] = np.eye(n), by_acceleration
+    for j in range(count):
+        P = covariance[j]
+        columns = P @ H.T
+        S, away = H @ columns, base - H @ mean[j]
+        I_YS = np.eye(n) + information @ S
+        y = vector + information @ away
+        gained = np.linalg.solve(I_YS, y)
+        after = P - columns @ np.linalg.solve(I_YS, information) @ np.ascontiguousarray(columns.T)
+        mean[j] += columns @ gained
+        covariance[j] = (after + after.T) / 2
+        logs[j] = -(math.log(np.linalg.det(I_YS)) + 2 * (away @ vector)
+                    + away @ information @ away - y @ S @ gained) / 2
+    weight = _by_logs(motion.weight, logs)
+    frames = min(motion.frames + 1, MOST_FRAMES)
+    share = motion.share + (by_experience(weight, motion.share) - motion.share) / frames
+    return _about_mean(Motion(motion.stamp_ns, motion.quaternion, mean, covariance, weight, share,
+                              motion.noise, motion.interval_s, frames, motion.swing))
+
+
+@compiled
+def with_measured(motion: Motion, before_ns: int, quaternion: np.ndarray, R: np.ndarray
+                  ) -> Motion:
+    """
+    Return the motion that knows the noise of a frame and the frequency of a swing.
+
+    quaternion (4,) is what the stars of the frame measure, of covariance R (3, 3), before_ns the
+    stamp of the frame before.
+    """
+    noise, swing = motion.noise.copy(), motion.swing.copy()
+    dt_s = (motion.stamp_ns - before_ns) * 1e-9
+    for axis in range(3):
+        noise[axis] = NOISE_MEMORY * noise[axis] + (1 - NOISE_MEMORY) * R[axis, axis]
+    evenly = abs(dt_s - motion.interval_s) < 0.1 * motion.interval_s
+    interval_s = dt_s if not evenly and dt_s < motion.interval_s else (
+        NOISE_MEMORY * motion.interval_s + (1 - NOISE_MEMORY) * dt_s)
+    turn = rotation_between(swing[LAST], quaternion)
+    if not evenly:
+        turn[:] = np.nan
+    change = turn - swing[TURN]
+    product = energy = 0.0
+    for axis in range(3):
+        a, b, c = change[axis], swing[CHANGE][axis], swing[OLDER][axis]
+        # Noise of the attitudes gives b^2 a mean of 6 R, b (a + c) one of -8 R.
+        product += b * (a + c) / R[axis, axis] + 8.0
+        energy += b * b / R[axis, axis] - 6.0
+    if not math.isnan(product):
+        swing[PRODUCT] = SWING_MEMORY * swing[PRODUCT] + product
+        swing[ENERGY] = SWING_MEMORY * swing[ENERGY] + energy
+        swing[W2] = 0.0
+        if swing[ENERGY] > SIGNIFICANT_ENERGY:
+            b = min(max(swing[PRODUCT] / swing[ENERGY], FASTEST), 2.0)
+            swing[W2] = (math.acos(b / 2) / dt_s) ** 2
+    if swing[W2] == 0:
+        swing[WEIGHT] = 0.0
+    elif not math.isnan(product):
+        # turn_k + turn_k-2 - b turn_k-1 = (2 - b) times the mean turn.
+        mean = swing[TURN] + (change - swing[CHANGE]) / (2 - 2 * math.cos(
+            math.sqrt(swing[W2]) * dt_s))
+        swing[WEIGHT] = SWING_MEMORY * swing[WEIGHT] + 1
+        swing[CENTRE] += (mean / dt_s - swing[CENTRE]) / swing[WEIGHT]
+    swing[OLDER], swing[CHANGE], swing[TURN], swing[LAST] = (
+        swing[CHANGE].copy(), change, turn, quaternion)
+    return Motion(motion.stamp_ns, motion.quaternion, motion.mean, motion.covariance,
+                  motion.weight, motion.share, noise, interval_s, motion.frames, swing)
+
+
+@compiled
+def tail_sigmas(probability: float, missed: float) -> float:
+    """
+    Return the c beyond which such an error lies on one side with no more than a probability.
+
+    The error itself has the probability p: p exp(-c^2 / 2) / 2 = missed (a bound of the normal
+    integral). 0 where no c is needed.
+    """
+    if probability <= 2 * missed:
+        return 0.0
+    return math.sqrt(2 * math.log(probability / (2 * missed)))
+
+
+@compiled
+def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return the variances (6,) of turn and rate with which no mode makes them wrong."""
+    least = np.zeros(6)
+    middle = np.zeros(6)
+    for j in range(len(weight)):
+        middle += weight[j] * mean[j, :6]
+    for j in range(len(weight)):
+        tail = tail_sigmas(weight[j], MISSED)
+        if tail == 0:
+            continue
+        for k in range(6):
+            away = abs(mean[j, k] - middle[k]) + tail * math.sqrt(covariance[j, k, k])
+            least[k] = max(least[k], (away / WRONG_SIGMAS) ** 2)
+    return least
+
+
+@compiled
+def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np.ndarray:
+    """
+    Return what a covariance (3, 3) lacks for an error (3,) that is possible, zero for nothing.
+
+    With the probability of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
+    probability MISSED_LIGHT: within c of WRONG_SIGMAS, as of tail_sigmas(). As much of the square
+    of the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman, Morrison).
+    """
+    nothing = np.zeros((3, 3))
+    tail = tail_sigmas(probability, MISSED_LIGHT)
+    if tail == 0:
+        return nothing
+    most = max(WRONG_SIGMAS - tail, 1.0)
+    distance2 = error @ (inverse(covariance) @ error)
+    if distance2 <= most * most:
+        return nothing
+    return np.outer(error, error) * (1 / (most * most) - 1 / distance2)
+
+
+@compiled
+def ahead(motion: Motion, tau_s: float, acceleration: np.ndarray
+          ) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (12,) and covariance (12, 12) of the error state in tau_s, before or after."""
+    mean, covariance = motion.mean.copy(), motion.covariance.copy()
+    weight = by_experience(motion.weight, motion.share)
+    if tau_s > 0:
+        weight, mean, covariance = mixed(motion, weight, acceleration, LEAST_SHARE)
+    swing = motion.swing
+    for j in range(len(weight)):
+        turn = turn_of(mean[j], KIND[j], tau_s, swing)
+        Phi, Q = transition_and_noise(KIND[j], SIZE[j], tau_s, swing[W2], turn, motion.noise,
+                                      motion.interval_s, acceleration, 0.0)
+        turn += np.ascontiguousarray(Phi[:3, :3]) @ mean[j, :3]
+        mean[j] = _carried(mean[j], Phi, KIND[j], swing)
+        mean[j, :3] = turn
+        covariance[j] = Phi @ covariance[j] @ Phi.T
+        if tau_s > 0:
+            covariance[j] += Q
+    middle, P = mixture(weight, mean, covariance)
+    least = least_variances(weight, mean, covariance)
+    for k in range(6):
+        P[k, k] = max(P[k, k], least[k])
+    return middle, P
