@@ -30,7 +30,9 @@ MAX_ASTRAY_IMAGES = 2  # in a row that are refused
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
 WIDE_PX = 1.6  # PSF sigma beyond which spots may be debris
-EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
+EXPOSURE_DOUBT = 0.06  # of an exposure that the streaks of an image show
+EXPOSURE_IMAGES = 20  # that a learnt exposure is the mean of
+EXPOSURE_CHANGED = 0.2  # by which an image shows that the exposure is another one
 POINT_PX = 4.0  # a longer streak is none that is seen as a point
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
@@ -147,9 +149,10 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    The exposure time is learnt from the length of the streaks in the images that are searched. A
-    streak that the motion does not explain and that is the same in two images is the shape of the
-    stars: an astigmatic lens draws it, however the camera moves.
+    Where exposure_s is 0 the exposure time is learnt from the length of the streaks in the images
+    that are searched: the mean of many, by the lengths. A streak that the motion does not explain
+    and that is the same in two images is the shape of the stars: an astigmatic lens draws it,
+    however the camera moves.
     windowed is whether the last image was not searched as a whole.
     """
 
@@ -157,6 +160,7 @@ class ExtractionStage:
                  search: SearchOptions = SearchOptions()) -> None:
         self.extractor = CentroidExtractor(options)
         self._line_time_s = options.line_time_us * 1e-6
+        self._given_exposure_s = options.exposure_s
         self._search_period_ns = round(search.search_period_s * 1e9)
         self._max_stars = options.max_stars
         self._max_stars_lost = max(search.max_stars_lost, options.max_stars)
@@ -169,9 +173,8 @@ class ExtractionStage:
         self._stamp_ns = 0
         self._searched_ns: int | None = None
         self._seen_share = 1.0
-        self._exposure_s = 0.0
+        self._exposure = Exposure(self._given_exposure_s)
         self._point_speed_px_s = 0.0
-        self._exposure_stars = 0
         self._shape: Streak | None = None
         self._unexplained: Streak | None = None
         self._start: Extraction | None = None
@@ -198,8 +201,8 @@ class ExtractionStage:
     @property
     def exposure_s(self) -> tuple[float, float]:
         """Return the least and the largest exposure by the streaks and points seen so far."""
-        if self._exposure_s:
-            return (1 - EXPOSURE_DOUBT) * self._exposure_s, (1 + EXPOSURE_DOUBT) * self._exposure_s
+        if self._exposure.seconds:
+            return self._exposure.limits_s
         if self._point_speed_px_s:
             return 0.0, POINT_PX / self._point_speed_px_s
         return UNKNOWN_EXPOSURE
@@ -234,7 +237,7 @@ class ExtractionStage:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
         streak, shown = self._streaks(expected)
-        unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
+        unknown = (self._exposure.seconds == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
         near = None if unknown else self._near(image, expected, shown)
         if near is not None and _contradicts(near):
@@ -275,7 +278,7 @@ class ExtractionStage:
 
     def _streaks(self, expected: _Expected) -> tuple[Streak, Streak]:
         """Return the streak by motion and shape of the stars, and that near the predictions."""
-        streak = expected.motion.scaled(self._exposure_s)
+        streak = expected.motion.scaled(self._exposure.seconds)
         if self._shape is not None:
             streak = self._shape.joined(streak)
         elif self._unexplained is not None:
@@ -321,7 +324,7 @@ class ExtractionStage:
         """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or expected.stars_seen(near.centroids) < max(
                 LEAST_PREDICTED, LEAST_SHARE * expected.stars_seen(extraction.centroids)):
-            if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
+            if len(extraction.centroids) < LEAST_PREDICTED and self._exposure.seconds:
                 extraction, streak = self._search(image), None
             self._learn(extraction, expected, streak)
             return extraction
@@ -342,9 +345,10 @@ class ExtractionStage:
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
         self._seen_share = expected.stars_seen(extraction.centroids) / expected.stars
-        if extraction.streak is None or (self._shape is not None and not self._exposure_s):
+        if extraction.streak is None or (
+                self._shape is not None and not self._exposure.seconds):
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
-        elif streak is None or not self._exposure_s:
+        else:
             self._learn_exposure(extraction, expected)
 
     def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
@@ -359,7 +363,7 @@ class ExtractionStage:
         self._unexplained = shown
         if before is not None and shown.is_close(before):
             # A time that was learnt from the shape of the stars is none.
-            self._shape, self._exposure_s, self._exposure_stars = shown, 0.0, 0
+            self._shape, self._exposure = shown, Exposure(self._given_exposure_s)
 
     def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
         """
@@ -369,9 +373,49 @@ class ExtractionStage:
         """
         if extraction.centroids.correlated_error.any():
             return
-        exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
-        if exposure_s and stars >= self._exposure_stars / 2:
-            self._exposure_s, self._exposure_stars = exposure_s, stars
+        exposure_s = expected.exposure_s(extraction.streak)
+        if exposure_s:
+            self._exposure.add(exposure_s, len(extraction.centroids) * extraction.streak_px ** 2)
+
+
+class Exposure:
+    """
+    The exposure time of the images, 0 s while unknown.
+
+    Where it is not given it is the mean of what EXPOSURE_IMAGES have shown, with their weights;
+    one that differs by EXPOSURE_CHANGED begins a new mean, if it has half of the weight of the
+    others.
+    """
+
+    def __init__(self, given_s: float) -> None:
+        self.seconds = given_s
+        self._is_given = given_s > 0
+        self._weight = self._images = self._scatter = 0.0
+
+    @property
+    def limits_s(self) -> tuple[float, float]:
+        """Return the least and the largest exposure that it may be."""
+        doubt = 0.0
+        if not self._is_given:
+            doubt = max(EXPOSURE_DOUBT, 2 * math.sqrt(self._scatter)) / math.sqrt(self._images)
+        return (1 - doubt) * self.seconds, (1 + doubt) * self.seconds
+
+    def add(self, exposure_s: float, weight: float) -> None:
+        """Add what the streaks of an image show, with the inverse of its variance as weight."""
+        if self._is_given:
+            return
+        change = exposure_s / self.seconds - 1 if self.seconds else math.inf
+        if abs(change) > EXPOSURE_CHANGED:
+            if weight >= self._weight / max(self._images, 1.0) / 2:
+                self.seconds, self._weight, self._images, self._scatter = (
+                    exposure_s, weight, 1.0, 0.0)
+            return
+        kept = 1 - 1 / EXPOSURE_IMAGES
+        self._images = kept * self._images + 1
+        self._weight = kept * self._weight + weight
+        share = weight / self._weight
+        self.seconds *= 1 + share * change
+        self._scatter += share * (change ** 2 - self._scatter)
 
 
 def _contradicts(extraction: Extraction) -> bool:

