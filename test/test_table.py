@@ -23,8 +23,8 @@ SOLVED = {'file': '2019-07-29T204726_Alt40_Azi-135_Try1.png', 'solved': True, 'r
 UNSOLVED = {**SOLVED, 'solved': False, **dict.fromkeys(
     ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'), None), 'reason': REASON}
 INTEGRITY = IntegrityRow('lit by the limb of the Earth, slow slew', 6000, 99.6,
-                         '0 wrong, >= 95 % published', 0, 0, 0.31, 0, 4.2, 3.01, 3, 2.9, 0.62, 2,
-                         True)
+                         '0 wrong, >= 95 % published', 0, 0, 0.0005, 4.2, 3.01, 3, 2.9, 4, 2.5,
+                         0.62, 2, True)
 RESULTS = [Result('solve', [SOLVED, UNSOLVED], {'epoch': 2026.5}),
            Result('campaign integrity', [INTEGRITY, INTEGRITY], {'camera': '1024 x 1024 px'})]
 
@@ -60,7 +60,7 @@ def test_a_terminal_gets_the_columns_that_fit(capsys, monkeypatch, result, colum
         remark = '' if record.get('solved') else record.get('reason') or record['bound']
         first = str(next(iter(record.values())))
         assert {*first.split(), *remark.split()} <= words_of(lines)
-    hidden = re.search('not shown: (.*?); all', ' '.join(lines))
+    hidden = re.search('not shown: (.*?); +all', ' '.join(lines))
     hidden = hidden[1] if hidden else ''
     shown = [name for name in result.records[0] if not re.search(rf'\b{name}\b', hidden)]
     # Headers may be broken, at underscores only.

@@ -3,18 +3,20 @@
 
 """Is a covariance true whatever moves? Star lists whose places are the light of an exposure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from startracker_ros.core.astro.observer_motion import AberrationOptions
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.compiled_rotation import rotation_between
+from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.stages.parameters import StarTrackerOptions
@@ -22,15 +24,19 @@ from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.tools.datasheet.tally import (
-    CAMERA, EPOCH_YEAR, START_NS, Tally, tally_of_frame)
+    CAMERA, EPOCH_YEAR, START_NS, Tally, tally_of_frame, tally_of_other_times)
 
 MAGNITUDE_LIMIT = 6.5
 SIGMA_PX = 0.01
 """Error of a centroid per axis, small enough to show errors of the motion."""
 
 FRAMES = 300
+AT_S = -0.2, 0.2
+"""Times after a frame at which at() is compared."""
+
 _SAMPLE_S = 1e-3
 _PARTS = 15  # of an exposure
+_LATE_EVERY = 20
 _ITERATIONS = 4  # in which the time of a star's row is found
 LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
 
@@ -42,7 +48,10 @@ class MotionCondition:
 
     kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
     exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a
-    rolling shutter, whose middle row is exposed at the stamp. needed_percent of the frames that
+    rolling shutter, whose middle row is exposed at the stamp, and line_time_error what the lists
+    have it wrong by, as a share. Of twenty frames late_frames in a row show the sky of the frame
+    before. The camera sees stars to
+    magnitude_limit. needed_percent of the frames that
     follow the two of a start must have an attitude.
     """
 
@@ -54,7 +63,11 @@ class MotionCondition:
     step_s: float = 0.1
     stamp_s: float = 0.0
     line_time_s: float = 0.0
+    line_time_error: float = 0.0
+    late_frames: int = 0
     steady_deg_s: float = 0.02
+    camera: Camera = CAMERA
+    magnitude_limit: float = MAGNITUDE_LIMIT
     needed_percent: float = 99.0
 
 
@@ -107,6 +120,11 @@ _ROLLING = {
     'torques of 0.2 deg/s^2, 2 s, exposed 0.02 s': MotionCondition('torques', 0.2, 2.0, 0.02),
     'steps of 0.05 deg/s each 3 s': MotionCondition('steps', 0.05, 3.0)}
 
+_CAMERAS = {
+    '512 px, 20 deg': (Camera.from_fov(512, 512, 20.0), 5.5),
+    '2048 px, 6 deg': (Camera.from_fov(2048, 2048, 6.0), 8.0),
+    '1280 x 960 px, 40 deg': (Camera.from_fov(1280, 960, 40.0), 5.0)}
+
 _CONDITIONS = {
     'no sway': _STILL,
     'no sway, exposed 0.1 s': MotionCondition('sway', 0.0, 1.0, 0.1),
@@ -128,6 +146,14 @@ _CONDITIONS = {
     'torques of 0.01 deg/s^2, 1 s, exposed 0.1 s': MotionCondition('torques', 0.01, 1.0, 0.1),
     **{f'{name}, rolling shutter': replace(condition, line_time_s=LINE_TIME_S)
        for name, condition in _ROLLING.items()},
+    **{f'sway 0.2 deg, 2 s, exposed 0.1 s, {name}': MotionCondition(
+        'sway', 0.2, 2.0, 0.1, camera=camera, magnitude_limit=limit)
+       for name, (camera, limit) in _CAMERAS.items()},
+    **{f'three images in a row one frame late, {rate:g} deg/s': MotionCondition(
+        'sway', 0.0, 1.0, late_frames=3, steady_deg_s=rate) for rate in (0.2, 1.0)},
+    **{f'line time {100 * error:+g} %, {rate:g} deg/s': MotionCondition(
+        'sway', 0.0, 1.0, line_time_s=LINE_TIME_S, line_time_error=error, steady_deg_s=rate,
+        needed_percent=0.0) for error, rate in ((0.1, 0.2), (0.1, 1.0), (-0.1, 1.0))},
     'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
 
@@ -136,18 +162,19 @@ MOTION_CONDITIONS = {f'list, {name}': condition for name, condition in _CONDITIO
 
 
 @cache
-def star_tracker() -> StarTracker:
+def star_tracker(camera: Camera = CAMERA, magnitude_limit: float = MAGNITUDE_LIMIT) -> StarTracker:
     """Return the star tracker of star lists, which are those of an observer at rest."""
-    return StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
-        identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
-        tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
+    return StarTracker.with_options(camera, EPOCH_YEAR, StarTrackerOptions(
+        identification=IdentificationOptions(magnitude_limit=magnitude_limit),
+        tracker=TrackerOptions(magnitude_limit=magnitude_limit),
         aberration=AberrationOptions(aberration='none')))
 
 
 @cache
-def onboard_stars() -> OnboardCatalog:
+def onboard_stars(camera: Camera = CAMERA, magnitude_limit: float = MAGNITUDE_LIMIT
+                  ) -> OnboardCatalog:
     """Return the stars of the lists."""
-    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
+    return onboard_catalog(load_catalog(), camera, EPOCH_YEAR, magnitude_limit)
 
 
 def motion_runs(name: str, runs: int, seed: int, frames: int = FRAMES) -> Tally:
@@ -157,30 +184,57 @@ def motion_runs(name: str, runs: int, seed: int, frames: int = FRAMES) -> Tally:
 
 
 def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> Tally:
-    pipeline = star_tracker()
+    tally, before = Tally(), TrackerState.LOST
+    for index, (result, pointing, rate_rad_s) in enumerate(motion_frames(condition, rng, frames)):
+        tally += tally_of_frame(result, before, pointing(0.0), rate_rad_s, due=index >= 2)
+        tally += tally_of_other_times(
+            result.attitude, {after_s: pointing(after_s) for after_s in AT_S})
+        before = result.state
+    return tally
+
+
+def motion_frames(condition: MotionCondition, rng: np.random.Generator, frames: int
+                  ) -> Iterator[tuple[FrameResult, Callable[[float], np.ndarray], np.ndarray]]:
+    """
+    Yield what the star tracker has of each list of one run, with the truth.
+
+    That is the function that gives the mean pointing (4,) of an exposure so many seconds later,
+    and the mean rate (3,) of this one.
+    """
+    camera, sky = condition.camera, (condition.camera, condition.magnitude_limit)
+    pipeline = star_tracker(*sky)
     pipeline.reset()
     attitude = attitudes(condition, rng, frames)
     # From the first sample an exposure, or an error of a stamp, may reach back.
     begin_s = (condition.exposure_s + 6 * condition.stamp_s
-               + condition.line_time_s * CAMERA.height / 2)
+               + condition.line_time_s * camera.height / 2 - min(AT_S))
     part_s = condition.exposure_s * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)
     exposure_s = (condition.exposure_s,) * 2 if condition.timed else (0.0, np.inf)
-    tally, before = Tally(), TrackerState.LOST
     for frame in range(frames):
         stamp_s = begin_s + frame * condition.step_s
-        exposed_s = stamp_s + rng.normal(0, condition.stamp_s) + part_s
+        is_late = frame % _LATE_EVERY >= _LATE_EVERY - condition.late_frames
+        behind_s = condition.step_s * is_late
+        exposed_s = stamp_s - behind_s + rng.normal(0, condition.stamp_s) + part_s
         truth = attitude(np.array([stamp_s]))[0]
-        seen, hip = star_list(onboard_stars(), CAMERA, truth, SIGMA_PX, rng, missing=0.05,
+        seen, hip = star_list(onboard_stars(*sky), camera, truth, SIGMA_PX, rng, missing=0.05,
                               false=3, exposed=attitude(exposed_s))
         if condition.line_time_s:
             seen = by_rows(seen, hip, attitude, stamp_s, condition.line_time_s)
+            seen = replace(seen, delay_s=seen.delay_s * (1 + condition.line_time_error))
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
                                  replace(seen, exposure_s=exposure_s))
-        sample_ago = attitude(np.array([stamp_s - _SAMPLE_S]))[0]
-        tally += tally_of_frame(result, before, truth,
-                                rotation_between(sample_ago, truth) / _SAMPLE_S, due=frame >= 2)
-        before = result.state
-    return tally
+        half_s = max(condition.exposure_s, _SAMPLE_S) / 2
+        begin, end = attitude(np.array([stamp_s - half_s, stamp_s + half_s]))
+        yield (result, partial(_mean_pointing, attitude, stamp_s + part_s),
+               rotation_between(begin, end) / (2 * half_s))
+
+
+def _mean_pointing(attitude: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray,
+                   after_s: float) -> np.ndarray:
+    """Return the mean attitude (4,) over times (K,), so many seconds later."""
+    pointings = attitude(times_s + after_s)
+    one = pointings[len(pointings) // 2]
+    return turned(one, np.mean([rotation_between(one, other) for other in pointings], axis=0))
 
 
 def by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], np.ndarray],
@@ -201,7 +255,7 @@ def by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], n
 def attitudes(condition: MotionCondition, rng: np.random.Generator, frames: int
               ) -> Callable[[np.ndarray], np.ndarray]:
     """Return the function that gives q_icrf_from_sensor (K, 4) at times (K,)."""
-    length_s = (frames + 1) * condition.step_s + 2 * condition.exposure_s + 1.0
+    length_s = (frames + 1) * condition.step_s + 2 * condition.exposure_s + 1.0 + 2 * max(AT_S)
     time_s = np.arange(0, length_s, _SAMPLE_S)
     rate = np.radians(MOTIONS[condition.kind](
         condition.size_deg, condition.period_s, time_s, rng))

@@ -3,6 +3,7 @@
 
 """Images of a simulated camera through the star tracker: what it publishes, tallied."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
@@ -23,7 +25,7 @@ from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import SteadyMotion
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.shake import ShakenMotion, SwayingMotion
-from startracker_ros.sim.sky.simulator import SkySimulator
+from startracker_ros.sim.sky.simulator import Frame, SkySimulator
 from startracker_ros.tools.datasheet.instrument import Instrument
 from startracker_ros.tools.datasheet.tally import (
     CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
@@ -82,11 +84,23 @@ def _pipeline(camera: Camera, line_time_us: float) -> StarTracker:
 
 def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> Tally:
     """Run the pipeline through the images of one run and tally what it publishes."""
+    due_from = condition.clean_frames or START_IDENTIFICATIONS
+    tally, before = Tally(), TrackerState.LOST
+    for index, (frame, taken) in enumerate(image_frames(condition, seed, camera)):
+        tally += tally_of_frame(frame, before, taken.q_mean, taken.state.rate_rad_s,
+                                index >= due_from and not condition.start)
+        before = frame.state
+    if condition.start:
+        tally = replace(tally, due=1, available=int(tally.published > 0))
+    return tally
+
+
+def image_frames(condition: ImageCondition, seed: int, camera: Camera = CAMERA
+                 ) -> Iterator[tuple[FrameResult, Frame]]:
+    """Yield what the pipeline has of each image of one run, and the image with its truth."""
     pipeline = _pipeline(camera, condition.line_time_us)
     pipeline.reset()
     clean, contaminated = _simulators(condition, seed, camera)
-    due_from = condition.clean_frames or START_IDENTIFICATIONS
-    tally, before = Tally(), TrackerState.LOST
     for index in range(condition.frames):
         if condition.gyro and index:
             for step_ns in range((index - 1) * STEP_NS, index * STEP_NS, _GYRO_STEP_NS):
@@ -95,13 +109,7 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
         simulator = clean if index < condition.clean_frames else contaminated
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
         pipeline.motion.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
-        frame = pipeline.process(START_NS + index * STEP_NS, taken.image)
-        tally += tally_of_frame(frame, before, taken.q_mean, taken.state.rate_rad_s,
-                                index >= due_from and not condition.start)
-        before = frame.state
-    if condition.start:
-        tally = replace(tally, due=1, available=int(tally.published > 0))
-    return tally
+        yield pipeline.process(START_NS + index * STEP_NS, taken.image), taken
 
 
 def _simulators(condition: ImageCondition, seed: int, camera: Camera

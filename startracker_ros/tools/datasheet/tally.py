@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.frame_result import FrameResult
+from startracker_ros.core.frame_result import Attitude, FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.tools.figures.correctness import count_wrong
@@ -28,7 +28,8 @@ class Tally:
     due counts the frames that need an attitude, available those of them that have one. Of the
     published attitudes: worst_sigma is the largest error in standard deviations of its own
     covariance on any axis, nees and square_arcsec2 (boresight) are sums. Of the rates published
-    with them rates_wrong are beyond 5 sigma, rates_nees is a sum.
+    with them rates_wrong are beyond 5 sigma, rates_nees is a sum; at, at_wrong and at_nees are the
+    same of Attitude.at() at other times.
     """
 
     frames: int = 0
@@ -43,6 +44,9 @@ class Tally:
     worst_sigma: float = 0.0
     rates_wrong: int = 0
     rates_nees: float = 0.0
+    at: int = 0
+    at_wrong: int = 0
+    at_nees: float = 0.0
 
     def __add__(self, other: 'Tally') -> 'Tally':
         both = Tally(*map(sum, zip(astuple(self), astuple(other))))
@@ -68,6 +72,18 @@ def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) 
                  nees=float(error @ np.linalg.solve(covariance, error)),
                  square_arcsec2=float(error[:2] @ error[:2]) / ARCSEC ** 2,
                  worst_sigma=float(np.max(np.abs(error) / sigma)))
+
+
+def tally_of_other_times(attitude: Attitude | None, truths: dict[float, np.ndarray]) -> Tally:
+    """Return the tally of at(), by the true attitude (4,) at times in s after the frame."""
+    tally = Tally()
+    if attitude is None:
+        return tally
+    for after_s, truth in truths.items():
+        one = attitude.at(attitude.stamp_ns + round(after_s * 1e9))
+        found = tally_of(one.quaternion, one.covariance_sensor, truth)
+        tally += Tally(at=1, at_wrong=found.wrong, at_nees=found.nees)
+    return tally
 
 
 def tally_of_frame(frame: FrameResult, before: TrackerState, truth: np.ndarray,

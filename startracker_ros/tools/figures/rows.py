@@ -170,6 +170,12 @@ def combined(checks: Iterable[Check], separator: str = '; ') -> Check:
     return separator.join(text for text, _ in checks), all(holds for _, holds in checks)
 
 
+def share_below(count: int, of: int) -> float:
+    """Return the 95 % upper limit of a probability, of count cases in so many: Clopper-Pearson."""
+    from scipy.special import betaincinv
+    return float(betaincinv(count + 1, of - count, 0.95)) if count < of else 1.0
+
+
 def mean_chi_square_bounds(degrees: int, count: int) -> tuple[float, float]:
     """Return the 95 % bounds of the mean of count chi-square values, degrees of freedom each."""
     # Here, since a demo imports this file before it starts its nodes.

@@ -39,7 +39,7 @@ def test_pointing_is_bounded_without_faults_only():
 
 
 def test_a_tumbling_spacecraft_with_faults_is_stopped(basilisk):
-    result, = run('faults, star lists', 3, hours=20 / 3600)
+    result, = run('faults, star lists', 4, hours=20 / 3600)
     assert result.frames == 100
     assert result.wrong == 0
     assert result.used > 50
