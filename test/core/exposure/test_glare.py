@@ -23,5 +23,5 @@ def rising(number):
 @pytest.mark.parametrize('skies, exposure_ms', [(steady, 100.0), (rising, 100.0), (rising, 800.0)])
 def test_stars_under_a_glare_are_seen_and_where_they_are(skies, exposure_ms):
     watch = fixed(skies, FRAMES, Setting(exposure_ms, 1.0))
-    assert sum(watch.locked) > 0.85 * FRAMES
+    assert sum(watch.locked) >= 0.85 * FRAMES
     assert not watch.wrong
