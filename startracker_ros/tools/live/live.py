@@ -58,6 +58,7 @@ from startracker_ros.tools.live.sky_page import (
     exposure_text, focus_text, PICTURE, SkyPage, state_texts, THIS_MACHINE)
 
 _SHOW_S, _DRAW_S = 0.25, 1.0
+_CTRL_C_S = 0.5
 _IMAGES, _KEPT_NS = 5, 5_000_000_000
 _JPEG_QUALITY = 90
 _LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
@@ -270,7 +271,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
             codes = rig.stop()
             # One that was ended while it was still imported has no handler yet.
             if bad := [f'{name} (status {code})' for name, code in codes.items()
-                       if code not in (0, -signal.SIGTERM)]:
+                       if code not in (0, -signal.SIGTERM, -signal.SIGINT)]:
                 raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {logs}')
             return Result('live', [rig.figures()], {
                 'device': capture.device, 'camera_file': str(camera_file),
@@ -325,7 +326,8 @@ def _watch(rig: LiveRig, view: LiveView, end_s: float, source: dict[str, object]
             started = True
         view.show(rig.texts if started else lambda: {'state': 'loading'})
         view.draw(rig.picture)
-        if ended := rig.processes.ended():
+        # Ctrl-C of a terminal reaches all processes, and may end another one first.
+        if (ended := rig.processes.ended()) and not stopped.wait(_CTRL_C_S):
             raise HarnessError(f'{", ".join(ended)} ended early: see {rig.log_folder}')
         if rig.source_text.startswith(_END):
             # Frames in flight.
