@@ -27,8 +27,8 @@ from startracker_ros.core.track.gyro_agreement import GyroAgreement
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
-    ahead, by_experience, interrupted, JUMP, KIND, lacking, least_variances, Motion, predicted,
-    restarted, SIZE, started, state_of, SUDDEN, updated, with_measured)
+    by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED_LIGHT, Motion,
+    predicted, restarted, SIZE, started, state_of, SUDDEN, updated, with_measured)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
@@ -352,16 +352,21 @@ class AttitudeModel(StarModel):
             return
         sudden = float(self._motion.weight[SUDDEN].sum())
         interval_s = (self._state.stamp_ns - before.stamp_ns) * 1e-9
-        moved = rotation_between(
-            state_of(hypothesis.motion).quaternion, self._state.quaternion)
+        doubt = sudden * max(min(frame.exposure_s[1] / interval_s, 1.0), STAMP_ERRS)
         own = np.ascontiguousarray(self._covariance[:3, :3])
-        self._covariance[:3, :3] += lacking(
-            own, moved, sudden * max(min(frame.exposure_s[1] / interval_s, 1.0), STAMP_ERRS))
-        if self._jump is not None and self._jump.is_displaced(self._state, self._covariance):
-            self._covariance[:3, :3] += lacking(own, self._jump.moved, 1.0)
-            self._jump = self._jump.later()
-        elif self._motion.weight[SIZE >= 2.0].sum() > 0.5:
-            self._jump = _Jump(before.rate, moved, DISPLACED_FRAMES)
+        displaced = self._jump
+        if displaced is not None and not displaced.is_displaced(self._state, self._covariance):
+            displaced = None
+        jumps = displaced is None and self._motion.weight[SMOOTH].sum() < 0.5
+        if jumps or doubt > 2 * MISSED_LIGHT:
+            moved = rotation_between(
+                state_of(hypothesis.motion).quaternion, self._state.quaternion)
+            self._covariance[:3, :3] += lacking(own, moved, doubt)
+            if jumps:
+                self._jump = _Jump(before.rate, moved, DISPLACED_FRAMES)
+        if displaced is not None:
+            self._covariance[:3, :3] += lacking(own, displaced.moved, 1.0)
+            self._jump = displaced.later()
         if frame.delay_s.any():
             spread_s = math.sqrt(np.mean(frame.delay_s ** 2))
             change = self._state.rate - before.rate
@@ -433,8 +438,7 @@ class AttitudeModel(StarModel):
         least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
                                     motion.covariance)[3:]
         self._covariance = self._state.covariance[:6, :6].copy()
-        for k in range(6):
-            self._covariance[k, k] = max(self._covariance[k, k], least[k])
+        np.fill_diagonal(self._covariance, np.maximum(np.diag(self._covariance), least))
 
     def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
         """Return the same, with what the filter has for motions and shaking beside the stars."""
@@ -491,11 +495,9 @@ class AttitudeModel(StarModel):
 
     @property
     def acceleration(self) -> Acceleration:
-        interval_s = self._motion.interval_s
-        return Acceleration.of(
-            {tau_s: ahead(self._motion, tau_s, self._acceleration_rad_s2)
-             for tau_s in (0.0, -2 * interval_s, -interval_s, interval_s, 2 * interval_s)},
-            interval_s)
+        if not self._motion.interval_s:
+            return Acceleration(*[np.zeros(3)] * 4)
+        return Acceleration(*course(self._motion, self._acceleration_rad_s2))
 
     def _compare_gyro(self, before_ns: int, was_used: bool) -> None:
         """

@@ -24,9 +24,9 @@ The error state of a mode is [turn, rate, acceleration, drift] about sensor axes
                  r its mean rate
     jump         as steady, with accelerations that no torque of the others gives
 
-The process noise of the first three is in units of what one frame measures: they predict the next
-frame to k sigma of its own attitude. What is smaller does not show, at any camera. That of jumps
-is in units of the acceleration of the options.
+The process noise of torque and swing is in units of what one frame measures: they predict the next
+frame to k sigma of its own attitude. What is smaller does not show, at any camera. That of steady
+and jump is in units of the acceleration of the options.
 
 What is published has the mean and the covariance of the mixture. A normal distribution of these
 moments has no such tails as the mixture: with a mode of the probability p, whose mean is m away
@@ -47,8 +47,8 @@ from startracker_ros.core.maths.small_algebra import inverse
 STEADY, TORQUE, SWING, JUMP = 0, 1, 2, 3
 KIND = np.array([STEADY, TORQUE, TORQUE, TORQUE, TORQUE, SWING, SWING, JUMP, JUMP])
 SIZE = np.array([1.0, 0.02, 0.2, 2.0, 20.0, 0.1, 1.0, 100.0, 1000.0])
-"""Of each mode: sigmas of a frame that its prediction is off by, of jumps the acceleration in
-units of that of the options."""
+"""Of each mode: sigmas of a frame that its prediction is off by; of steady and jump the
+acceleration in units of that of the options."""
 
 SUDDEN = SIZE >= 20.0  # modes of motions that begin within a frame
 
@@ -146,12 +146,11 @@ def interrupted(motion: Motion) -> Motion:
 
 def state_of(motion: Motion, modes: np.ndarray | None = None) -> AttitudeState:
     """Return attitude, rate and drift of the mixture, or of some modes (K,) of it."""
-    weight = motion.weight if modes is None else np.where(
-        np.isin(np.arange(len(KIND)), modes), motion.weight, 0.0)
-    mean, P = mixture(weight, motion.mean, motion.covariance)
-    seen = np.r_[0:6, 9:12]
-    return AttitudeState(motion.stamp_ns, turned(motion.quaternion, mean[:3]), mean[3:6],
-                         mean[9:], P[np.ix_(seen, seen)])
+    weight = motion.weight
+    if modes is not None:
+        weight = np.zeros(len(KIND))
+        weight[modes] = motion.weight[modes]
+    return AttitudeState(motion.stamp_ns, *_moments(motion, weight))
 
 
 @compiled
@@ -165,9 +164,23 @@ def mixture(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
     for k in range(len(weight)):
         if weight[k] == 0:
             continue
-        away = mean[k] - middle
-        P += weight[k] / total * (covariance[k] + np.outer(away, away))
+        share = weight[k] / total
+        for i in range(n):
+            for j in range(n):
+                P[i, j] += share * (covariance[k, i, j] + (mean[k, i] - middle[i]) * (
+                    mean[k, j] - middle[j]))
     return middle, P
+
+
+@compiled
+def _moments(motion: Motion, weight: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return quaternion, rate, drift and their covariance (9, 9), of modes of weight (M,)."""
+    mean, P = mixture(weight, motion.mean, motion.covariance)
+    seen = np.empty((9, 9))
+    seen[:6, :6], seen[6:, 6:] = P[:6, :6], P[9:, 9:]
+    seen[:6, 6:], seen[6:, :6] = P[:6, 9:], P[9:, :6]
+    return turned(motion.quaternion, mean[:3]), mean[3:6].copy(), mean[9:].copy(), seen
 
 
 @compiled
@@ -381,8 +394,9 @@ def updated(motion: Motion, quaternion: np.ndarray, rate: np.ndarray, informatio
         S, away = H @ columns, base - H @ mean[j]
         I_YS = np.eye(n) + information @ S
         y = vector + information @ away
-        gained = np.linalg.solve(I_YS, y)
-        after = P - columns @ np.linalg.solve(I_YS, information) @ np.ascontiguousarray(columns.T)
+        solved = np.linalg.inv(I_YS)
+        gained = solved @ y
+        after = P - columns @ (solved @ information) @ np.ascontiguousarray(columns.T)
         mean[j] += columns @ gained
         covariance[j] = (after + after.T) / 2
         logs[j] = -(math.log(np.linalg.det(I_YS)) + 2 * (away @ vector)
@@ -492,26 +506,70 @@ def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np
 
 
 @compiled
-def ahead(motion: Motion, tau_s: float, acceleration: np.ndarray
-          ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (12,) and covariance (12, 12) of the error state in tau_s, before or after."""
-    mean, covariance = motion.mean.copy(), motion.covariance.copy()
-    weight = by_experience(motion.weight, motion.share)
-    if tau_s > 0:
-        weight, mean, covariance = mixed(motion, weight, acceleration, LEAST_SHARE)
-    swing = motion.swing
+def ahead(motion: Motion, weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray,
+          tau_s: float, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return mean (6,) and covariance (6, 6) of turn and rate in tau_s, before or after.
+
+    Modes have weight (M,), mean (M, N) and covariance (M, N, N), those after the frame mixed().
+    One with a probability below MISSED is left out.
+    """
+    after, P, swing = np.zeros((len(weight), 6)), np.zeros((len(weight), 6, 6)), motion.swing
+    used = np.where(weight < MISSED, 0.0, weight)
     for j in range(len(weight)):
+        if used[j] == 0:
+            continue
         turn = turn_of(mean[j], KIND[j], tau_s, swing)
         Phi, Q = transition_and_noise(KIND[j], SIZE[j], tau_s, swing[W2], turn, motion.noise,
                                       motion.interval_s, acceleration, 0.0)
-        turn += np.ascontiguousarray(Phi[:3, :3]) @ mean[j, :3]
-        mean[j] = _carried(mean[j], Phi, KIND[j], swing)
-        mean[j, :3] = turn
-        covariance[j] = Phi @ covariance[j] @ Phi.T
+        after[j, 3:] = _carried(mean[j], Phi, KIND[j], swing)[3:6]
+        after[j, :3] = turn + np.ascontiguousarray(Phi[:3, :3]) @ mean[j, :3]
+        half = np.ascontiguousarray(Phi[:6])
+        P[j] = half @ covariance[j] @ half.T
         if tau_s > 0:
-            covariance[j] += Q
-    middle, P = mixture(weight, mean, covariance)
-    least = least_variances(weight, mean, covariance)
+            P[j] += Q[:6, :6]
+    middle, both = mixture(used, after, P)
+    least = least_variances(used, after, P)
     for k in range(6):
-        P[k, k] = max(P[k, k], least[k])
-    return middle, P
+        both[k, k] = max(both[k, k], least[k])
+    return middle, both
+
+
+@compiled
+def course(motion: Motion, acceleration: np.ndarray
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return how attitude and rate go on: mean, sigma, jerk and before (3,) of Acceleration.
+
+    The cubic turn is that through the predictions one frame interval before and after. What these
+    and those two intervals away have beside it is the sigma.
+    """
+    dt_s, own = motion.interval_s, by_experience(motion.weight, motion.share)
+    weight, mixed_mean, mixed_P = mixed(motion, own, acceleration, LEAST_SHARE)
+    now, P = ahead(motion, own, motion.mean, motion.covariance, 0.0, acceleration)
+    turns, covariances = np.empty((4, 3)), np.empty((4, 6, 6))
+    times_s = np.array([-2 * dt_s, -dt_s, dt_s, 2 * dt_s])
+    for k in range(4):
+        if times_s[k] < 0:
+            found, covariances[k] = ahead(motion, own, motion.mean, motion.covariance, times_s[k],
+                                          acceleration)
+        else:
+            found, covariances[k] = ahead(motion, weight, mixed_mean, mixed_P, times_s[k],
+                                          acceleration)
+        turns[k] = found[:3]
+    mean = (turns[1] + turns[2] - 2 * now[:3]) / dt_s ** 2
+    jerk = 3 * (turns[2] - turns[1] - 2 * dt_s * now[3:]) / dt_s ** 3
+    variance = np.zeros((2, 3))
+    for k in range(4):
+        t = times_s[k]
+        cubic = now[:3] + t * (now[3:] + t / 2 * (mean + t / 3 * jerk))
+        for axis in range(3):
+            rate = 3 + axis
+            known = P[axis, axis] + 2 * t * P[axis, rate] + t * t * P[rate, rate]
+            turned_by = covariances[k, axis, axis] - known + (turns[k, axis] - cubic[axis]) ** 2
+            variance[k // 2, axis] = max(
+                variance[k // 2, axis], 4 * turned_by / t ** 4,
+                (covariances[k, rate, rate] - P[rate, rate]) / (t * t))
+    # Where the jerk is not known, as on the wire, it is an error within half an interval.
+    unknown2 = (jerk * (dt_s / 6)) ** 2
+    return mean, np.sqrt(variance[1] + unknown2), jerk, np.sqrt(variance[0] + unknown2)

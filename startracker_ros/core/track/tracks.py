@@ -89,37 +89,6 @@ class Acceleration(NamedTuple):
     jerk: np.ndarray
     before: np.ndarray
 
-    @classmethod
-    def of(cls, predictions: dict[float, tuple[np.ndarray, np.ndarray]], interval_s: float
-           ) -> 'Acceleration':
-        """
-        Return that of predictions, mean and covariance [turn, rate, ...] by time in s.
-
-        They are at 0, and one and two intervals before and after.
-        """
-        if not interval_s:
-            return cls(*[np.zeros(3)] * 4)
-        now, P = predictions[0.0]
-        ahead, behind = predictions[interval_s][0][:3], predictions[-interval_s][0][:3]
-        turn, rate = now[:3], now[3:6]
-        mean = (ahead + behind - 2 * turn) / interval_s ** 2
-        jerk = 3 * (ahead - behind - 2 * interval_s * rate) / interval_s ** 3
-        variance = {True: np.zeros(3), False: np.zeros(3)}
-        for time_s, (predicted, Q) in predictions.items():
-            if time_s:
-                cubic = turn + time_s * (rate + time_s / 2 * (mean + time_s / 3 * jerk))
-                known = np.diag(P)[:6].copy()
-                known[:3] += (2 * time_s * np.diag(P[:3, 3:6]) + time_s ** 2 * known[3:])
-                more = np.diag(Q)[:6] - known
-                more[:3] += (predicted[:3] - cubic) ** 2
-                side = time_s > 0
-                variance[side] = np.maximum(variance[side], np.maximum(
-                    4 * more[:3] / time_s ** 4, more[3:] / time_s ** 2))
-        # Where the jerk is not known, as on the wire, it is an error within half an interval.
-        unknown = jerk * (interval_s / 6)
-        return cls(mean, np.hypot(np.sqrt(variance[True]), unknown), jerk,
-                   np.hypot(np.sqrt(variance[False]), unknown))
-
 
 class Hint(NamedTuple):
     """
