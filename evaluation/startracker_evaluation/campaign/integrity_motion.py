@@ -16,7 +16,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
+from startracker_ros.core.maths.compiled_rotation import mean_attitude, rotation_between
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.stages.parameters import StarTrackerOptions
@@ -50,9 +50,8 @@ class MotionCondition:
     exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a
     rolling shutter, whose middle row is exposed at the stamp, and line_time_error what the lists
     have it wrong by, as a share. Of twenty frames late_frames in a row show the sky of the frame
-    before. The camera sees stars to
-    magnitude_limit. needed_percent of the frames that
-    follow the two of a start must have an attitude.
+    before. The camera sees stars to magnitude_limit. needed_percent of the frames that follow the
+    two of a start must have an attitude.
     """
 
     kind: str
@@ -232,9 +231,7 @@ def motion_frames(condition: MotionCondition, rng: np.random.Generator, frames: 
 def _mean_pointing(attitude: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray,
                    after_s: float) -> np.ndarray:
     """Return the mean attitude (4,) over times (K,), so many seconds later."""
-    pointings = attitude(times_s + after_s)
-    one = pointings[len(pointings) // 2]
-    return turned(one, np.mean([rotation_between(one, other) for other in pointings], axis=0))
+    return mean_attitude(attitude(times_s + after_s))
 
 
 def by_rows(seen: Centroids, hip: np.ndarray, attitude: Callable[[np.ndarray], np.ndarray],

@@ -82,3 +82,9 @@ def rotation_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     sine = np.sqrt(x * x + y * y + z * z)
     scale = 2 * np.arctan2(sine, w) / sine if sine > 0 else 2.0
     return np.array((scale * x, scale * y, scale * z))
+
+
+def mean_attitude(attitudes: np.ndarray) -> np.ndarray:
+    """Return the mean (4,) of attitudes (K, 4) that are near each other, about the middle one."""
+    middle = attitudes[len(attitudes) // 2]
+    return turned(middle, np.mean([rotation_between(middle, one) for one in attitudes], axis=0))

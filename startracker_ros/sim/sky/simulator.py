@@ -3,13 +3,15 @@
 
 """The simulated instrument: images, gyro rates and navigation along a motion."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from startracker_ros.core.astro.constants import YEAR_S
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
+from startracker_ros.core.maths.compiled_rotation import mean_attitude
 from startracker_ros.sim.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_debris, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
@@ -32,8 +34,7 @@ class Frame:
 
     stars are the sources centred in the image at the middle of the exposure of their row,
     planets, satellites and star-like spots included; flux_dn (N,) is the flux of each in DN.
-    artefacts are those of the image; q_mean (4,) is q_icrf_from_sensor of the mean pointing of an
-    exposure about the stamp: that of state where the motion within it is uniform.
+    artefacts are those of the image.
     """
 
     image: np.ndarray
@@ -41,7 +42,16 @@ class Frame:
     stars: SceneStars
     flux_dn: np.ndarray
     artefacts: Artefacts
-    q_mean: np.ndarray
+    _mean_pointing: Callable[[], np.ndarray] = field(repr=False, compare=False)
+
+    @cached_property
+    def q_mean(self) -> np.ndarray:
+        """
+        Attitude (4,) q_icrf_from_sensor of the mean pointing of an exposure about the stamp.
+
+        That of state where the motion within it is uniform; computed when it is asked for.
+        """
+        return self._mean_pointing()
 
 
 class SkySimulator:
@@ -100,7 +110,7 @@ class SkySimulator:
             return _torn(frame, self.frame(before_s), int(rng.integers(1, self._camera.height)))
         if rng.random() < repeated:
             before = self.frame(before_s)
-            return replace(before, state=frame.state, q_mean=frame.q_mean,
+            return replace(before, state=frame.state, _mean_pointing=frame._mean_pointing,
                            artefacts=replace(before.artefacts, repeated=True))
         return frame
 
@@ -136,17 +146,17 @@ class SkySimulator:
                               ghosts=ghosts, second_images=second_images, cosmic_ray_hits=hits,
                               defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
-                     detector.flux_dn(stars.magnitude), artefacts, self._mean_pointing(time_s))
+                     detector.flux_dn(stars.magnitude), artefacts,
+                     partial(self._mean_pointing, time_s))
 
     def _mean_pointing(self, time_s: float) -> np.ndarray:
         """Return q_icrf_from_sensor (4,) of the mean pointing of an exposure about a time."""
-        q, options = self._motion.at(time_s).q_icrf_from_sensor, self._detector.options
+        options = self._detector.options
         if not options.motion_smear:
-            return q
-        instants_s, weight = uneven_instants(options.exposure_s)
-        return turned(q, weight @ np.array([
-            rotation_between(q, self._motion.at(time_s + one).q_icrf_from_sensor)
-            for one in instants_s]))
+            return self._motion.at(time_s).q_icrf_from_sensor
+        instants_s, _ = uneven_instants(options.exposure_s)
+        return mean_attitude(np.array([
+            self._motion.at(time_s + one).q_icrf_from_sensor for one in instants_s]))
 
     def _sources(self, time_s: float) -> tuple[SceneStars, np.ndarray, np.ndarray, np.ndarray]:
         """
