@@ -91,11 +91,6 @@ class AttitudeState(NamedTuple):
         """
         return AttitudeState(self.stamp_ns, *with_attitude(*self[1:], information, vector))
 
-    def inflated(self, factor: float) -> 'AttitudeState':
-        """Return the state with the variances of attitude and rate multiplied by factor."""
-        scale = np.repeat([np.sqrt(factor), np.sqrt(factor), 1.0], 3)
-        return self._replace(covariance=self.covariance * np.outer(scale, scale))
-
     def with_new_drift(self, sigma_rad_s: float) -> 'AttitudeState':
         """Return the state with a drift of zero, of this 1-sigma error and uncorrelated."""
         covariance = self.covariance.copy()

@@ -6,7 +6,6 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 import math
 from typing import NamedTuple
 
@@ -192,20 +191,8 @@ class Gyro:
 
         acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
         """
-        begin = bisect_right(self._stamps_ns, state.stamp_ns)
-        end = bisect_right(self._stamps_ns, to_ns)
-        times_ns, rates, variances = [state.stamp_ns], list[np.ndarray](), list[float]()
-        for index in range(max(begin, 1), end):
-            stamp_ns, before_ns = self._stamps_ns[index], self._stamps_ns[index - 1]
-            if stamp_ns <= before_ns:
-                continue
-            times_ns.append(max((stamp_ns + before_ns) // 2, times_ns[-1]))
-            rates.append(self._rates[index])
-            variances.append(self.noise_density / ((stamp_ns - before_ns) * 1e-9))
-        times_ns.append(to_ns)
-        dt_s = [(after_ns - at_ns) * 1e-9 for at_ns, after_ns in pairwise(times_ns)]
-        return state.filtered(to_ns, np.array(dt_s), np.array(rates).reshape(-1, 3),
-                              np.array(variances), acceleration, acceleration_density,
+        dt_s, rates, variances = self.rates(state.stamp_ns, to_ns, most=_MAX_MEASUREMENTS)
+        return state.filtered(to_ns, dt_s, rates, variances, acceleration, acceleration_density,
                               self.drift_density)
 
     def expects(self, state: AttitudeState, to_ns: int, acceleration: np.ndarray,
@@ -225,17 +212,18 @@ class Gyro:
             state.rate, state.drift, state.covariance, mean - acceleration * (dt_s / 2),
             self.noise_density / dt_s + variance * (dt_s / 2) ** 2) < UNEXPECTED
 
-    def rates(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def rates(self, from_ns: int, to_ns: int, most: int = MOST_RATES
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return the measured rates (K, 3) between two times, their variances (K,) and dt_s (K + 1,).
 
         dt_s are the times from one to the next, from the begin and up to the end. A mean rate
-        counts at the middle of its interval; no more than MOST_RATES, means of more.
+        counts at the middle of its interval; no more than most of them, means of more.
         """
         begin = max(bisect_right(self._stamps_ns, from_ns), 1)
         end = bisect_right(self._stamps_ns, to_ns)
         times_ns, rates, variances = [from_ns], list[np.ndarray](), list[float]()
-        every = max(-(-(end - begin) // MOST_RATES), 1)
+        every = max(-(-(end - begin) // most), 1)
         for first in range(begin, end, every):
             after = min(first + every, end)
             stamps_ns = self._stamps_ns[first - 1:after]

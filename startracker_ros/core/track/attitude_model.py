@@ -202,7 +202,8 @@ class AttitudeModel(StarModel):
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
-        self._set_motion(interrupted(hypothesis.motion or self._restarted(hypothesis.state)),
+        self._set_motion(interrupted(
+            hypothesis.motion or restarted(self._motion, hypothesis.state)),
                          hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
@@ -311,7 +312,7 @@ class AttitudeModel(StarModel):
             turned(state.quaternion, correction.turn), correction.turn_covariance + common, 0,
             np.empty(0), 0.0)
         if hypothesis.motion is None:
-            motion = self._restarted(_with_error(correction.state, common))
+            motion = restarted(self._motion, _with_error(correction.state, common))
         else:
             # An acceleration shows in rows, less the one that was assumed, and in streaks.
             by_acceleration = correction.by_acceleration.copy()
@@ -389,10 +390,6 @@ class AttitudeModel(StarModel):
             self._covariance[3:, 3:] += np.outer(error, error)
         self._frames += 1
 
-    def _restarted(self, state: AttitudeState) -> Motion:
-        """Return the motion of a state that is known without the modes."""
-        return restarted(self._motion, state)
-
     def _is_consistent(self, correction: Correction, gate: float) -> bool:
         """Return whether the fit of the inliers is good and its innovation within the gate."""
         return (correction.agreed
@@ -430,8 +427,8 @@ class AttitudeModel(StarModel):
     def _set_motion(self, motion: Motion, uses_gyro: bool) -> None:
         """Set the motion; where the use of the gyro ends its drift becomes unknown."""
         if self.uses_gyro and not uses_gyro:
-            motion = self._restarted(
-                state_of(motion).with_new_drift(self._gyro.drift_sigma_rad_s))
+            motion = restarted(self._motion, state_of(motion).with_new_drift(
+                self._gyro.drift_sigma_rad_s))
         self._motion, self.uses_gyro = motion, uses_gyro
         self._state = state_of(motion)
         least = least_variances(motion.weight, motion.mean, motion.covariance)

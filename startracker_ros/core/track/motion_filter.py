@@ -74,8 +74,6 @@ MISSED = 4e-5
 MISSED_LIGHT = 1e-3
 """The same by a jump within an exposure: most frames have no jump."""
 
-_N = 12  # numbers of the error state
-
 
 class Motion(NamedTuple):
     """
@@ -112,7 +110,7 @@ def started(state: AttitudeState, noise: np.ndarray, interval_s: float) -> Motio
     """Return the motion of a state, each mode with its attitude and rate; noise is (3,)."""
     count = len(KIND)
     share = FIRST_SHARE / FIRST_SHARE.sum()
-    mean, P = np.zeros((count, _N)), np.zeros((count, _N, _N))
+    mean, P = np.zeros((count, 12)), np.zeros((count, 12, 12))
     mean[:, 3:6], mean[:, 9:] = state.rate, state.drift
     seen = np.r_[0:6, 9:12]
     for mode in range(count):

@@ -17,10 +17,10 @@ standard deviation of the stamps. Changes of the rate make it zero or positive, 
 mistaken for an error of the stamps. Times weigh by 1 / r: of a swinging body at its turning points
 they say nothing.
 
-A vibration moves the body to and fro as well. But where the differences of the frames before
-predict the next one (acceleration.py), it is no error of a stamp. A camera that is shaken at
-random moves across its rate as much as along it: with the part u_k of e_k that is across, as a
-time, s^2 is less by what -u_k u_k-1 / 4 is more than r.
+A vibration moves the body to and fro as well. But where the filter predicts the next frame
+(motion_filter.py), it is no error of a stamp. A camera that is shaken at random moves across its
+rate as much as along it: with the part u_k of e_k that is across, as a time, s^2 is less by what
+-u_k u_k-1 / 4 is more than r.
 
 In the first frames the stamps may err by DOUBT_S: no more than the size of the few products so
 far leaves room for, whatever their signs. From DOUBT_FRAMES on only what that size shows counts,
