@@ -46,7 +46,7 @@ extern "C" {
 #endif
 
 /* Raised with every change of a struct, an enumeration or a function. */
-#define ST_VERSION 1u
+#define ST_VERSION 1
 
 #define ST_REASON_FIGURES 6
 #define ST_MOST_BODIES 16
@@ -161,6 +161,8 @@ typedef struct {
 } st_hint;
 
 /* ---- options: names, defaults and ranges are those of docs/parameters.md ------------------ */
+/* Band of the magnitudes and magnitude limit of the pairs are options of the sky file; the orbit is
+ * the caller's, who gives the observer. Methods of papers are not in this library. */
 
 typedef enum { ST_THRESHOLD_SIGMA = 0, ST_THRESHOLD_FIXED, ST_THRESHOLD_ITERATIVE } st_threshold;
 
