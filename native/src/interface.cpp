@@ -20,35 +20,25 @@ bool same_abi(const st_abi &a, const st_abi &b) {
 
 // --- instructions ---
 
-#if defined(__x86_64__)
+#if defined(__SSE4_2__)
 #define ST_PROCESSOR "x86-64-v2"
-#define ST_NEWER_PROCESSOR "x86-64-v2, with AVX2 where it is faster"
-
-/// Whether the processor has what the compiler was allowed to use (x86-64 psABI, table 3.1).
-bool has_instructions() {
-    return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("ssse3") &&
-           __builtin_cpu_supports("popcnt");
-}
-
-bool has_newer() {
-    return __builtin_cpu_supports("avx2");
-}
-#else
-#if defined(__aarch64__)
+#elif defined(__x86_64__)
+#define ST_PROCESSOR "x86-64"
+#elif defined(__aarch64__)
 #define ST_PROCESSOR "armv8-a"
 #else
 #define ST_PROCESSOR "the processor it was built for"
 #endif
-#define ST_NEWER_PROCESSOR ST_PROCESSOR
 
+/// Whether the processor has what the compiler was allowed to use (x86-64 psABI, table 3.1).
 bool has_instructions() {
+#if defined(__SSE4_2__)
+    return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("ssse3") &&
+           __builtin_cpu_supports("popcnt");
+#else
     return true;
-}
-
-bool has_newer() {
-    return false;
-}
 #endif
+}
 
 // --- options ---
 
@@ -180,7 +170,6 @@ st_status st_check_abi(const st_abi *caller) {
 
 #define TEXT_OF(number) #number
 #define TEXT(number) TEXT_OF(number)
-#define ST_INTERFACE "interface " TEXT(ST_VERSION)
 #if defined(__clang__)
 #define ST_COMPILER __VERSION__
 #else
@@ -188,9 +177,7 @@ st_status st_check_abi(const st_abi *caller) {
 #endif
 
 const char *st_build_text() {
-    constexpr const char *NEWER = ST_COMPILER ", " ST_NEWER_PROCESSOR ", " ST_INTERFACE;
-    constexpr const char *OLDEST = ST_COMPILER ", " ST_PROCESSOR ", " ST_INTERFACE;
-    return has_newer() ? NEWER : OLDEST;
+    return ST_COMPILER ", " ST_PROCESSOR ", interface " TEXT(ST_VERSION);
 }
 
 const char *st_status_text(st_status status) {

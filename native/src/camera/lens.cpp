@@ -47,7 +47,8 @@ double farthest_angle(bool equidistant, const Terms &terms) {
     if (!equidistant) {
         return INFINITY;
     }
-    for (double theta = ANGLE_STEP_RAD; theta < LARGEST_RAD; theta += ANGLE_STEP_RAD) {
+    for (int step = 1; step * ANGLE_STEP_RAD < LARGEST_RAD; ++step) {
+        const double theta = step * ANGLE_STEP_RAD;
         if (!(radius_slope(terms, theta * theta) > 0)) {
             return theta - ANGLE_STEP_RAD;
         }

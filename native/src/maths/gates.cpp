@@ -18,8 +18,9 @@ constexpr double LEAST_FOR_SERIES = 10.0;
 /// lgamma() of the C library sets a global variable.
 double log_gamma(double a) {
     double product = 1.0;
-    for (; a < LEAST_FOR_SERIES; a += 1) {
+    while (a < LEAST_FOR_SERIES) {
         product *= a;
+        a += 1;
     }
     const double s = 1 / (a * a);
     const double series =
