@@ -36,6 +36,7 @@ KINDS = {
     '': 'core',
     'io/bags/test_damage.py': 'slow',
     'evaluation/bench': 'slow',
+    'native/test_native_cmake.py': 'slow',
     'evaluation/campaign': 'slow',
     'tools/datasheet/test_datasheet.py': 'slow',
     'nodes': 'dds',

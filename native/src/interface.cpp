@@ -187,8 +187,7 @@ const char *st_status_text(st_status status) {
         case ST_NULL_POINTER:
             return "a pointer is null";
         case ST_WRONG_VERSION:
-            return "caller and library are of different versions: compile the caller with the "
-                   "startracker.h of this library";
+            return "caller and library are of different versions of startracker.h";
         case ST_WRONG_PROCESSOR:
             return "the library was built for a later processor: x86-64-v2 is the oldest one";
         case ST_OUT_OF_RANGE:

@@ -1,5 +1,5 @@
-/* Copyright 2026 the startracker_ros authors */
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
 
 /*
  * conformance FOLDER: computes each case of the corpus test/conformance, whose README has the

@@ -1,5 +1,5 @@
-/* Copyright 2026 the startracker_ros authors */
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
 
 /* Wrong use of the interface gets a status and changes nothing. Exit status 1 if any does not. */
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 the startracker_ros authors */
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
 
 /* A reader of JSON for the conformance corpus; a file that is no JSON ends the program. */
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 the startracker_ros authors */
-/* SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
 
 /*
  * Inner functions of the core for tests: of libstartracker_test, which is built beside the library

@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ('startracker_ros', 'evaluation/startracker_evaluation', 'test', 'launch', 'bags',
-           'docs', 'setup.py')
+           'docs', 'native', 'setup.py')
 COPYRIGHT = re.compile(r'(?:#|//) Copyright 20\d\d the startracker_ros authors\n'
                        r'(?:#|//) SPDX-License-Identifier: Apache-2\.0\n\n')
 
@@ -50,6 +50,6 @@ def test_nothing_is_found(linter):
 
 
 def test_every_source_begins_with_its_copyright_and_licence():
-    files = [ROOT / 'setup.py', *(file for folder in SOURCES for kind in ('py', 'cpp')
+    files = [ROOT / 'setup.py', *(file for folder in SOURCES for kind in ('py', 'c', 'cpp', 'h')
                                   for file in (ROOT / folder).rglob(f'*.{kind}'))]
     assert [file for file in files if not COPYRIGHT.match(file.read_text())] == []
