@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
-from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.camera.distortion import MODELS
+from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.native import CAMERA
 
 NAMES = list(MODELS)
