@@ -509,6 +509,7 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
 
+/* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
 /* Whether a sky file is complete and of this library; fault names the number that is wrong. */
