@@ -6,13 +6,15 @@ Arrays that are built once, and then mapped from files in the user's cache.
 
 Processes that map the same file share its memory, and hold the part that they have read. A search
 of many databases gives back what it has not used for longest, beyond MOST_RESIDENT_BYTES.
+
+A file is read in place, by C as well (native/src/sky/sections.h): a header, a table of sections
+and the arrays, each aligned to 64 bytes, in the byte order of the machine that wrote it.
 """
 
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 import hashlib
-import json
 import logging
 import mmap
 from multiprocessing.util import Finalize
@@ -27,7 +29,7 @@ import zlib
 import numpy as np
 from startracker_ros.core.folders import cache_folder, limit_cache, mark_used, replaced
 
-FORMAT = 1
+FORMAT = 2
 """
 Of all stored arrays: their layout in a file, and what their builders put into them.
 
@@ -38,8 +40,12 @@ from it is the key of a file. A test compares what is built with what was record
 MOST_RESIDENT_BYTES = 100_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
 
-# CRC of all that follows, size of the file, length of the table of the arrays.
-_PREFIX = struct.Struct('<IQI')
+# What it is, BYTE_ORDER, CRC of all that follows it, size of the file, LAYOUT, number of sections.
+_HEADER = struct.Struct('=8sIIQII32x')
+_UNCHECKED = 16
+# Name and type as of NumPy without the byte order, offset, shape, number of dimensions.
+_SECTION = struct.Struct('=24s8sQ2QI4x')
+_MAGIC, _BYTE_ORDER, _LAYOUT = b'STARRAYS', 0x01020304, 1
 _ALIGNMENT = 64
 _CHUNK = 1 << 20
 # MADV_POPULATE_READ of Linux 5.14.
@@ -142,12 +148,25 @@ def stored_arrays(kind: str, key: str, build: Callable[[], dict[str, np.ndarray]
     return stored
 
 
+class StoredArraysError(ValueError):
+    """A file has no arrays that can be used; the text names it and says why."""
+
+
+def mapped_arrays(path: Path) -> StoredArrays:
+    """Return the arrays of a file; StoredArraysError where it is not sound, OSError."""
+    with path.open('rb') as file:
+        wrong = _why_not_sound(file)
+        if wrong:
+            raise StoredArraysError(f'{path}: {wrong}')
+        return _map(file)
+
+
 def _load(path: Path) -> StoredArrays | None:
     try:
         with path.open('rb') as file:
             identity = _identity(file)
             if _sound.get(path) != identity:
-                if not _matches_checksum(file):
+                if _why_not_sound(file):
                     logging.getLogger(__name__).warning('%s is damaged and is rebuilt', path)
                     return None
                 _sound[path] = identity
@@ -163,18 +182,21 @@ def _identity(file: BinaryIO) -> tuple[int, ...]:
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _matches_checksum(file: BinaryIO) -> bool:
-    prefix = file.read(_PREFIX.size)
-    if len(prefix) < _PREFIX.size:
-        return False
-    checksum, size, _ = _PREFIX.unpack(prefix)
+def _why_not_sound(file: BinaryIO) -> str:
+    """Return what is wrong with a file of arrays, read from its beginning; empty if nothing is."""
+    head = file.read(_HEADER.size)
+    if not head.startswith(_MAGIC) or len(head) < _HEADER.size:
+        return 'it is none of this package'
+    _, order, checksum, size, layout, _ = _HEADER.unpack(head)
+    if order != _BYTE_ORDER or layout != _LAYOUT:
+        return 'it was written by another version, or on a machine of another byte order'
     if size != os.fstat(file.fileno()).st_size:
-        return False
+        return f'it has not the {size} bytes that were written'
     # By reading, not through the map, whose pages would stay in memory.
-    found = 0
+    found = zlib.crc32(head[_UNCHECKED:])
     while chunk := file.read(_CHUNK):
         found = zlib.crc32(chunk, found)
-    return found == checksum
+    return '' if found == checksum else 'it is damaged'
 
 
 def _in_use(path: Path, stored: StoredArrays) -> StoredArrays:
@@ -206,18 +228,20 @@ def _map(file: BinaryIO) -> StoredArrays:
         # A file system that maps no files.
         file.seek(0)
         buffer = bytearray(file.read())
-    _, _, length = _PREFIX.unpack(buffer[:_PREFIX.size])
-    table = json.loads(buffer[_PREFIX.size:_PREFIX.size + length])
-    return StoredArrays({name: np.ndarray(tuple(shape), dtype, buffer, offset)
-                         for name, (dtype, shape, offset) in table.items()},
-                        buffer if isinstance(buffer, mmap.mmap) else None)
+    *_, count = _HEADER.unpack(buffer[:_HEADER.size])
+    arrays = {}
+    for name, kind, offset, rows, columns, dimensions in _SECTION.iter_unpack(
+            buffer[_HEADER.size:_HEADER.size + count * _SECTION.size]):
+        arrays[name.rstrip(b'\0').decode()] = np.ndarray(
+            (rows, columns)[:dimensions], kind.rstrip(b'\0').decode(), buffer, offset)
+    return StoredArrays(arrays, buffer if isinstance(buffer, mmap.mmap) else None)
 
 
 def _store(path: Path, arrays: dict[str, np.ndarray]) -> StoredArrays | None:
     """Store arrays and return them as mapped from the file, None where none can be written."""
     try:
         with replaced(path) as file:
-            _write(file, arrays)
+            write_arrays(file, arrays)
             stored, identity = _map(file), _identity(file)
         _sound[path] = identity
         _in_use(path, stored)
@@ -230,25 +254,27 @@ def _store(path: Path, arrays: dict[str, np.ndarray]) -> StoredArrays | None:
     return stored
 
 
-def _write(file: BinaryIO, arrays: dict[str, np.ndarray]) -> None:
-    table = {name: (array.dtype.str, array.shape, 0) for name, array in arrays.items()}
-    # With room for the offsets, each of at most 15 digits.
-    length = _aligned(_PREFIX.size + len(json.dumps(table)) + 15 * len(table)) - _PREFIX.size
-    end = _PREFIX.size + length
+def write_arrays(file: BinaryIO, arrays: dict[str, np.ndarray]) -> None:
+    """Write arrays of two dimensions at most to a file, open to write and read."""
+    end = _HEADER.size + len(arrays) * _SECTION.size
+    table = b''
     for name, array in arrays.items():
-        table[name] = *table[name][:2], end
+        shape = (*array.shape, 0, 0)[:2]
+        table += _SECTION.pack(name.encode(), array.dtype.str[1:].encode(), end, *shape,
+                               array.ndim)
         end = _aligned(end + array.nbytes)
-    pieces: list[memoryview | bytes] = [json.dumps(table).encode().ljust(length)]
+    pieces: list[memoryview | bytes] = [table]
     for array in arrays.values():
         content = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
         pieces += [content.data, bytes(_aligned(array.nbytes) - array.nbytes)]
-    checksum = 0
-    file.write(bytes(_PREFIX.size))
+    head = _MAGIC, _BYTE_ORDER, 0, end, _LAYOUT, len(arrays)
+    checksum = zlib.crc32(_HEADER.pack(*head)[_UNCHECKED:])
+    file.write(bytes(_HEADER.size))
     for piece in pieces:
         checksum = zlib.crc32(piece, checksum)
         file.write(piece)
     file.seek(0)
-    file.write(_PREFIX.pack(checksum, end, length))
+    file.write(_HEADER.pack(*head[:2], checksum, *head[3:]))
     file.flush()
 
 

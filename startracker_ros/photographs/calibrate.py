@@ -19,10 +19,9 @@ from startracker_ros.core.calibration.matching import View
 from startracker_ros.core.calibration.summary import figures, summary
 from startracker_ros.core.camera.distortion import PLUMB_BOB
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.io.images.camera_files import save_camera
@@ -103,7 +102,7 @@ def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year:
     centroids and reasons, why an image is not used, are by the number of the image.
     CalibrationError when the images do not determine the camera.
     """
-    onboard = onboard_catalog(camera_catalog(camera), camera, epoch_year)
+    onboard = camera_stars(camera, epoch_year)
     views: dict[int, View] = {}
     learnt = _with_learnt_lens(centroids, camera, epoch_year)
     # Terms that are not free stay those of the initial camera.

@@ -18,11 +18,11 @@ from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.centroid.hits import without_clusters
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
@@ -318,8 +318,7 @@ def _clocks_s() -> np.ndarray:
 
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
                        ) -> tuple[Identifier, OnboardCatalog]:
-    return (make_identifier(camera, year, options),
-            onboard_catalog(camera_catalog(camera), camera, year))
+    return make_identifier(camera, year, options), camera_stars(camera, year)
 
 
 def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:

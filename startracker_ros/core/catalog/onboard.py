@@ -40,8 +40,8 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
-    motion (N, 3) is the proper motion in rad a year. stored is where the arrays are mapped from.
-    sky_share is the share of the sky that it covers.
+    motion (N, 3) is the proper motion in rad a year, parallax_rad (N,) the parallax. stored is
+    where the arrays are mapped from, sky_share the share of the sky that it covers.
     """
 
     hip: np.ndarray
@@ -52,6 +52,8 @@ class OnboardCatalog:
     crowd_rad: float = 0.0
     variation_mag: np.ndarray | None = None
     motion: np.ndarray | None = None
+    parallax_rad: np.ndarray | None = None
+    epoch_year: float = np.nan
     stored: StoredArrays | None = None
     sky_share: float = 1.0
 
@@ -62,9 +64,27 @@ class OnboardCatalog:
         """Return the same entries so many years later, without the change of parallax."""
         if self.motion is None:
             return self
-        direction = self.direction + years * self.motion
-        direction /= np.sqrt(np.einsum('ij,ij->i', direction, direction))[:, None]
-        return replace(self, direction=direction)
+        return replace(self, direction=_normalised(self.direction + years * self.motion),
+                       epoch_year=self.epoch_year + years)
+
+    def at(self, epoch_year: float) -> 'OnboardCatalog':
+        """Return the same entries at a Julian year near epoch_year, with motion and parallax."""
+        if epoch_year == self.epoch_year or self.motion is None or self.parallax_rad is None:
+            return self
+        earth_au = earth_position_au(epoch_year) - earth_position_au(self.epoch_year)
+        moved = self.direction + (epoch_year - self.epoch_year) * self.motion
+        moved -= self.parallax_rad[:, None] * earth_au
+        return replace(self, direction=_normalised(moved), epoch_year=epoch_year)
+
+    def brighter_than(self, limit: float) -> 'OnboardCatalog':
+        """Return the entries of magnitude up to and including limit."""
+        # In float32 like the magnitudes of the catalogue: a star exactly at the limit is included.
+        count = int(np.count_nonzero(self.magnitude.astype(np.float32) <= np.float32(limit)))
+        if count == len(self):
+            return self
+        return replace(self, **{
+            name: value[:count] for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)})
 
     def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return the star indices (M,) up to radius_rad from center (3,), brightest first."""
@@ -121,8 +141,9 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     count = len(merged)
     flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
     magnitude = -2.5 * np.log10(np.bincount(entry, flux, count))
-    direction = np.stack([np.bincount(entry, flux * axis, count) for axis in direction.T], -1)
-    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    centre = np.stack([np.bincount(entry, flux * axis, count) for axis in direction.T], -1)
+    length = np.linalg.norm(centre, axis=1, keepdims=True)
+    direction = centre / length
     # Stars are in order of magnitude: the first one of an entry is its brightest component.
     brightest = np.unique(entry, return_index=True)[1]
     near = pairs[square <= _chord(crowd_rad) ** 2]
@@ -135,13 +156,15 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     if least_density:
         chosen[brightest_everywhere(direction[order], least_density)] = True
     order = order[chosen]
-    # Of the brightest component, to whom the others are bound or only close.
     rows = brightest[order]
-    bright = catalog.rows(rows)
-    motion = bright.directions(epoch_year + 1) - bright.directions(epoch_year)
+    motion = catalog.directions(epoch_year + 1) - catalog.directions(epoch_year)
+    # Of the photocentre, as the direction.
+    motion, parallax = (np.stack([np.bincount(entry, flux * axis, count) for axis in of.T], -1)
+                        / length for of in (motion, catalog.parallax_rad[:, None]))
     return OnboardCatalog(catalog.hip[rows], direction[order], magnitude[order], crowded[order],
                           blended[order], crowd_rad, catalog.variation_mag[rows],
-                          motion.astype(np.float32))
+                          motion[order].astype(np.float32),
+                          parallax[order, 0].astype(np.float32), epoch_year)
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
@@ -167,6 +190,12 @@ def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:
         fainter_by = magnitude[neighbour] - magnitude[entry]
         crowded[entry[fainter_by <= CROWD_MAGNITUDES]] = True
     return crowded
+
+
+def _normalised(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (N, 3), which are overwritten, at unit length."""
+    vectors /= np.sqrt(np.einsum('ij,ij->i', vectors, vectors))[:, None]
+    return vectors
 
 
 def _chord(angle_rad: float) -> float:

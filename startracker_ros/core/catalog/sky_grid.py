@@ -24,10 +24,15 @@ class SkyGrid(NamedTuple):
     member: np.ndarray
 
 
-def sky_grid(direction: np.ndarray, sky_share: float = 1.0) -> SkyGrid:
+FINE = 128
+"""Most cells along an axis, of the whole sky."""
+
+
+def sky_grid(direction: np.ndarray, sky_share: float = 1.0, most: int = FINE) -> SkyGrid:
     """Return the grid of unit vectors (N, 3) of a share of the sky, about one per cell of it."""
     # Of a part of the sky most cells are empty: as many as cost no more than the stars.
-    most = 128 if sky_share == 1 else int(np.clip(np.cbrt(64 * len(direction)), 128, 256))
+    if sky_share < 1:
+        most = int(np.clip(np.cbrt(64 * len(direction)), FINE, 2 * FINE))
     cells = cells_along(len(direction) / sky_share, most)
     cell = cell_numbers(direction, cells)
     start = np.zeros(cells ** 3 + 1, np.int32)

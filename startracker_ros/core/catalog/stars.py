@@ -57,6 +57,12 @@ class StarCatalog:
         """Return a digest of the columns."""
         return digest(*(getattr(self, field.name) for field in fields(self)))
 
+    @property
+    def parallax_rad(self) -> np.ndarray:
+        """Return the parallaxes (N,) in rad."""
+        # Some measured ones are negative.
+        return _MAS * np.maximum(self.parallax_mas, 0)
+
     def brighter_than(self, limit: float) -> 'StarCatalog':
         """Return the stars of magnitude up to and including limit."""
         # In float32 like the magnitudes, so that a star exactly at the limit is included.
@@ -86,8 +92,7 @@ class StarCatalog:
         moved[:, 1] = outward * sin_ra + east * cos_ra
         moved[:, 2] = sin_dec + north * cos_dec
         # In units of the distance at the catalogue epoch, which is 1 / parallax in au.
-        # Some measured parallaxes are negative.
-        parallax_rad = _MAS * np.maximum(self.parallax_mas, 0)
+        parallax_rad = self.parallax_rad
         approaching = np.flatnonzero(np.isin(self.hip, [*RADIAL_VELOCITY_KM_S]))
         for row in approaching:
             au_yr = RADIAL_VELOCITY_KM_S[int(self.hip[row])] / _KM_S_PER_AU_YR

@@ -11,9 +11,9 @@ from startracker_ros.core.astro.epoch import julian_year
 from startracker_ros.core.astro.observer_motion import AT_REST, observer_at
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids, MADE_BY
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, Identifier)
@@ -54,4 +54,4 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float | dateti
 def _identifier(camera: Camera, epoch_year: float, options: IdentificationOptions,
                 kind: type[Identifier] | None) -> tuple[Identifier, OnboardCatalog]:
     return ((kind or make_identifier)(camera, epoch_year, options),
-            onboard_catalog(camera_catalog(camera), camera, epoch_year))
+            camera_stars(camera, epoch_year))

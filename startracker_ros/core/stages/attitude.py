@@ -14,10 +14,9 @@ from startracker_ros.core.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentSky
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 
@@ -35,8 +34,7 @@ class AttitudeStage:
                  motion: ObserverMotion | None = None, sky: ApparentSky | None = None,
                  protection: ProtectionOptions = ProtectionOptions()) -> None:
         self._camera, self._epoch_year = camera, epoch_year
-        self.sky = sky or ApparentSky(
-            onboard_catalog(camera_catalog(camera), camera, epoch_year), motion)
+        self.sky = sky or ApparentSky(camera_stars(camera, epoch_year), motion)
         self._validator = AttitudeValidator(camera, options, protection)
 
     def set_limits(self, options: ValidationOptions,

@@ -7,8 +7,7 @@ from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.core.track.track_filter import TrackFilter
@@ -20,8 +19,7 @@ def make_track_filter(camera: Camera, epoch_year: float,
                       motion: ObserverMotion | None = None,
                       band: BandOptions = BandOptions()) -> TrackFilter:
     """Return the filter of the tracks, with the shipped catalogue at a Julian year."""
-    onboard = onboard_catalog(camera_catalog(camera, band=band), camera, epoch_year,
-                              options.magnitude_limit)
+    onboard = camera_stars(camera, epoch_year, options.magnitude_limit, band)
     return TrackFilter(camera, onboard, options, gyro, motion)
 
 

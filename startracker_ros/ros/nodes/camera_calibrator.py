@@ -16,8 +16,8 @@ from startracker_ros.core.calibration.matching import View
 from startracker_ros.core.calibration.online import OnlineOptions
 from startracker_ros.core.calibration.summary import sentence
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.io.images.camera_files import save_camera
@@ -51,7 +51,7 @@ class CameraCalibratorNode(CameraNode):
         self._observer.rebuild()
 
     def builder(self, camera: Camera, epoch_year: float) -> Callable[[], OnboardCatalog]:
-        return lambda: onboard_catalog(camera_catalog(camera), camera, epoch_year)
+        return lambda: camera_stars(camera, epoch_year)
 
     def use(self, built: OnboardCatalog) -> None:
         assert self.camera is not None

@@ -14,14 +14,14 @@ from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions, Searched
 from startracker_ros.core.centroid.noise import initial_noise_model
 from startracker_ros.core.centroid.point_stars import fit_free_sigma
 from startracker_ros.core.centroid.psf import SIGMA, U, V
 from startracker_ros.core.frame_result import Attitude
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import attitude_error, conjugate, rotate
@@ -80,7 +80,7 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
     tracker = StarTracker(
         camera, year, **_bridging((first[1].stamp_ns - first[0].stamp_ns) * 1e-9))
     identifier = make_identifier(camera, year)
-    onboard = onboard_catalog(camera_catalog(camera), camera, year)
+    onboard = camera_stars(camera, year)
     extractor = CentroidExtractor(ExtractionOptions(max_stars=MAX_STARS))
     frames: list[Frame] = []
     for stamp_ns, image in chain(first, images):

@@ -116,7 +116,7 @@ def test_without_space_arrays_are_in_memory(own_cache, monkeypatch, caplog):
     def no_space(file, arrays):
         file.write(b'half')
         raise OSError(errno.ENOSPC, 'No space left on device')
-    monkeypatch.setattr(stored_arrays, '_write', no_space)
+    monkeypatch.setattr(stored_arrays, 'write_arrays', no_space)
     stored = made('a')
     assert not stored.mapped_bytes and not list(cache_folder().iterdir())
     np.testing.assert_array_equal(stored.arrays['numbers'], np.arange(1000))
