@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SOURCES := pyproject.toml setup.py setup.cfg package.xml MANIFEST.in $(shell \
 	find startracker_ros native config launch resource evaluation -not -name '*.so' -not -path '*/__pycache__*' -not -path '*.egg-info*' \
 	-not -path 'evaluation/build*')
-# Of the native core: pip finds no compiler but that of the environment or of the machine.
+# Of the native core: without isolation pip fetches none.
 WITH_COMPILER = [ -n "$$CXX" ] || $(1) native/build.py --find > /dev/null 2>&1 || { \
 	echo '== compiler: the machine has none; downloads ziglang, 100 MB'; \
 	$(1) -m pip install -q --disable-pip-version-check ziglang; }
@@ -132,5 +132,5 @@ $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 clean:
-	rm -rf .venv .venv-* build evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-* build startracker_ros/core/libstartracker.so evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

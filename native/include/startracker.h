@@ -464,13 +464,22 @@ typedef struct {
     int32_t reserved;
 } st_result;
 
-#define ST_ABI                                                                                    \
-    {                                                                                             \
-        ST_VERSION, sizeof(st_config), sizeof(st_camera), sizeof(st_image), sizeof(st_sky),       \
-            sizeof(st_observer), sizeof(st_hint), sizeof(st_centroid), sizeof(st_identified),     \
-            sizeof(st_star_track), sizeof(st_prediction), sizeof(st_rejected), sizeof(st_result), \
-            sizeof(st_attitude), sizeof(st_fault)                                                 \
-    }
+#define ST_ABI              \
+    {ST_VERSION,            \
+     sizeof(st_config),     \
+     sizeof(st_camera),     \
+     sizeof(st_image),      \
+     sizeof(st_sky),        \
+     sizeof(st_observer),   \
+     sizeof(st_hint),       \
+     sizeof(st_centroid),   \
+     sizeof(st_identified), \
+     sizeof(st_star_track), \
+     sizeof(st_prediction), \
+     sizeof(st_rejected),   \
+     sizeof(st_result),     \
+     sizeof(st_attitude),   \
+     sizeof(st_fault)}
 
 /* ---- functions ----------------------------------------------------------------------------- */
 
@@ -497,7 +506,8 @@ ST_API st_status st_check_camera(const st_camera *camera, st_fault *fault);
 ST_API st_status st_project(const st_camera *camera, const double *direction, double *pixel,
                             size_t count);
 
-/* Pixels (count, 2) to unit vectors (count, 3); NaN outside the image circle of a fisheye. */
+/* Pixels (count, 2) to unit vectors (count, 3); NaN where no direction has such a pixel, as outside
+ * the image circle of a fisheye. */
 ST_API st_status st_unproject(const st_camera *camera, const double *pixel, double *direction,
                               size_t count);
 
