@@ -7,7 +7,7 @@ import click
 from startracker_ros import __version__
 from startracker_ros.tools.cli.bags import export, info, play, record, report
 from startracker_ros.tools.cli.flights import compare, reprocess, simulate, tracklets, trend
-from startracker_ros.tools.cli.instruments import datasheet, design
+from startracker_ros.tools.cli.instruments import datasheet, design, sky
 from startracker_ros.tools.cli.nodes import demo, doctor, live, run
 from startracker_ros.tools.cli.outcome import Main
 from startracker_ros.tools.cli.photographs import calibrate, catalogue, night, solve
@@ -22,6 +22,6 @@ def main() -> None:
 
 
 for _command in (run, live, solve, calibrate, catalogue, demo, record, play, info, report, export,
-                 doctor, datasheet, design, night, telemetry, simulate, reprocess, compare, trend,
-                 tracklets):
+                 doctor, datasheet, design, sky, night, telemetry, simulate, reprocess, compare,
+                 trend, tracklets):
     main.add_command(_command)

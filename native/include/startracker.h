@@ -115,7 +115,8 @@ typedef struct {
 
 /* ---- sky and observer ---------------------------------------------------------------------- */
 
-/* A sky file in memory or mapped, unchanged while a tracker uses it; several may share it. */
+/* A sky file, of `startracker sky`, in memory or mapped, aligned to 64 bytes and unchanged while a
+ * tracker uses it; several may share it. */
 typedef struct {
     const void *file;
     uint64_t bytes;
@@ -516,14 +517,15 @@ ST_API st_status st_unproject(const st_camera *camera, const double *pixel, doub
 ST_API st_status st_image_flow(const st_camera *camera, const double *direction, double *flow,
                                size_t count);
 
+/* Whether a sky file is complete and of this library, so that no damage to it can do harm; fault
+ * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
+ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
+
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
 
 /* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
-
-/* Whether a sky file is complete and of this library; fault names the number that is wrong. */
-ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
 /* Bytes of memory that st_create needs. */
 ST_API st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,

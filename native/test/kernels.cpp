@@ -9,6 +9,7 @@
 #include "maths/gates.h"
 #include "maths/rotation.h"
 #include "maths/symmetric.h"
+#include "sky/sky.h"
 
 using namespace st;
 
@@ -46,6 +47,12 @@ auto of_size(int32_t size, const double *symmetric, Function function) {
     }
     return size == 6 ? function(from<Matrix<6, 6>>(symmetric))
                      : function(from<Matrix<9, 9>>(symmetric));
+}
+
+Sky opened(const st_sky *file) {
+    Sky sky;
+    open_sky(*file, sky, nullptr);
+    return sky;
 }
 
 }  // namespace
@@ -143,6 +150,30 @@ int32_t stt_shows(const st_camera *camera, const double pixel[2]) {
 
 void stt_middle_axes(const st_camera *camera, double q[4]) {
     into(q, middle_axes(lens_of(*camera)));
+}
+
+int32_t stt_stars_in_cone(const st_sky *file, const double axis[3], double radius_rad,
+                          int32_t *index, int32_t capacity) {
+    return stars_in_cone(opened(file), from<Vector3>(axis), radius_rad, index, capacity);
+}
+
+int32_t stt_nearest_star(const st_sky *file, const double direction[3], double chord,
+                         double *square) {
+    return nearest_star(opened(file), from<Vector3>(direction), chord, *square);
+}
+
+void stt_direction_at(const st_sky *file, int32_t star, double years, const double moved_au[3],
+                      double direction[3]) {
+    into(direction, direction_at(opened(file), star, years, from<Vector3>(moved_au)));
+}
+
+void stt_pairs_between(const st_sky *file, int32_t bright, double low_rad, double high_rad,
+                       int32_t range[2]) {
+    const Sky sky = opened(file);
+    const PairRange found =
+        pairs_between(bright != 0 ? sky.bright_pairs : sky.pairs, low_rad, high_rad);
+    range[0] = found.first;
+    range[1] = found.end;
 }
 
 }  // extern "C"

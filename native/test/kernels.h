@@ -44,6 +44,16 @@ ST_API double stt_corner_angle(const st_camera *camera);
 ST_API int32_t stt_shows(const st_camera *camera, const double pixel[2]);
 ST_API void stt_middle_axes(const st_camera *camera, double q[4]);
 
+/* Of a sky file that st_check_sky has found sound. */
+ST_API int32_t stt_stars_in_cone(const st_sky *file, const double axis[3], double radius_rad,
+                                 int32_t *index, int32_t capacity);
+ST_API int32_t stt_nearest_star(const st_sky *file, const double direction[3], double chord,
+                                double *square);
+ST_API void stt_direction_at(const st_sky *file, int32_t star, double years,
+                             const double moved_au[3], double direction[3]);
+ST_API void stt_pairs_between(const st_sky *file, int32_t bright, double low_rad, double high_rad,
+                              int32_t range[2]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -151,6 +151,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_defaults': (_STATUS, (_POINTER, _POINTER)),
     'st_check_config': (_STATUS, (_POINTER, _POINTER)),
     'st_check_camera': (_STATUS, (_POINTER, _POINTER)),
+    'st_check_sky': (_STATUS, (_POINTER, _POINTER)),
     'st_project': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
     'st_unproject': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
     'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT))}
@@ -198,3 +199,10 @@ def defaults() -> np.ndarray:
     config, abi = np.zeros((), CONFIG), this_abi()
     check(library().st_defaults(config.ctypes.data, abi.ctypes.data))
     return config
+
+
+def check_sky(path: Path) -> None:
+    """Raise NativeError unless the library accepts a sky file; OSError."""
+    file, fault = np.memmap(path, np.uint8, 'r'), np.zeros((), FAULT)
+    sky = np.array((file.ctypes.data, len(file)), SKY)
+    check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)

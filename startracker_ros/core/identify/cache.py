@@ -16,11 +16,15 @@ from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
 from startracker_ros.core.stored_arrays import digest, stored_arrays
 
-_COLUMNS = ('hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag', 'motion',
-            'parallax_rad')
+STARS = ('hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag', 'motion',
+         'parallax_rad')
+"""Arrays of OnboardCatalog that are stored."""
+
 # Along an axis, of the cells in which all stars of a field are sought: 4 deg wide.
 _CONE_CELLS = 32
-_PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'stored')
+
+PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'stored')
+"""Arrays of PairDatabase that are stored."""
 
 
 def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
@@ -30,14 +34,14 @@ def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
     def build() -> dict[str, np.ndarray]:
         onboard = onboard_catalog(catalog, camera, epoch_year, magnitude_limit, least_density)
         grid = sky_grid(onboard.direction, most=most_cells)
-        return {**{name: getattr(onboard, name) for name in _COLUMNS},
+        return {**{name: getattr(onboard, name) for name in STARS},
                 'cells': np.array(grid.cells), 'crowd_rad': np.array(onboard.crowd_rad),
                 'start': grid.start, 'member': grid.member}
     key = digest(catalog.digest, camera.pixel_rad, epoch_year, magnitude_limit, least_density,
                  most_cells)
     stored = stored_arrays('catalogue', key, build)
     arrays = stored.arrays
-    onboard = OnboardCatalog(**{name: arrays[name] for name in _COLUMNS},
+    onboard = OnboardCatalog(**{name: arrays[name] for name in STARS},
                              crowd_rad=float(arrays['crowd_rad']), stored=stored,
                              epoch_year=epoch_year)
     # What is otherwise computed when first used.
@@ -69,7 +73,7 @@ def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
         else:
             pairs = cached_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
             pairs = pairs.among(int(np.searchsorted(pairs.star, brightest)))
-        return {name: getattr(pairs, name) for name in _PAIRS}
+        return {name: getattr(pairs, name) for name in PAIRS}
     stored = stored_arrays('pairs', digest(
         onboard.digest, min_separation_rad, max_separation_rad, most_pairs, brightest), build)
     return PairDatabase(**stored.arrays, stored=stored)

@@ -118,25 +118,26 @@ class PyramidIdentifier(Identifier):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        self._pairs = partial(
-            cached_pairs, self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
-            2 * camera.corner_angle_rad * (1 + self.scale_error), self.most_pairs)
-        self._all_pairs = self._pairs()
+        self.least_rad = _MIN_SEPARATION_PX * camera.pixel_rad
+        self.most_rad = 2 * camera.corner_angle_rad * (1 + self.scale_error)
+        self._cached_pairs = partial(
+            cached_pairs, self.onboard, self.least_rad, self.most_rad, self.most_pairs)
+        self.pairs = self._cached_pairs()
         self._set_levels(_BRIGHT)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
 
     def _set_levels(self, bright: BrightLevel) -> None:
         """Make the database of all pairs and of those of the brightest stars."""
-        camera, every = self.camera, self._all_pairs
-        share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-        brightest = self._pairs(brightest=int(np.ceil(bright.stars_per_field / share)))
+        share = self.camera.fov_x_rad * self.camera.fov_y_rad / (4 * np.pi)
+        self.bright_pairs = self._cached_pairs(
+            brightest=int(np.ceil(bright.stars_per_field / share)))
         self._levels = (
-            pair_level(brightest, bright.image_stars, bright.triangles),
-            pair_level(every, self.options.max_image_stars, _MANY_TRIANGLES))
-        self._stored = [made.stored for made in (self.onboard, every, brightest)
+            pair_level(self.bright_pairs, bright.image_stars, bright.triangles),
+            pair_level(self.pairs, self.options.max_image_stars, _MANY_TRIANGLES))
+        self._stored = [made.stored for made in (self.onboard, self.pairs, self.bright_pairs)
                         if made.stored is not None]
-        self._database = _database(self._levels, self.verifier.data, camera.lens)
+        self._database = _database(self._levels, self.verifier.data, self.camera.lens)
 
     def with_bright_level(self, bright: BrightLevel) -> Self:
         """Return an identifier of the same pairs with another level of the brightest stars."""

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Commands about an instrument that need not exist: datasheet, design."""
+"""Commands about an instrument that need not exist: datasheet, design, sky."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,10 +11,10 @@ from typing import Any
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.output import check_output
-from startracker_ros.tools.cli.outcome import exit_1_on, InputPath, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, FOV_DEG, InputPath, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    finish_measured as finish, json_option, output_option, scheduler_option, seed_option,
-    trials_option)
+    finish_measured as finish, json_option, output_option, print_result, scheduler_option,
+    seed_option, trials_option)
 from startracker_ros.tools.datasheet.design_options import DesignOptions
 
 
@@ -76,3 +76,46 @@ def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any)
     with usage_error_on(CameraError, DesignError):
         result = run_design(options, trials=trials, seed=seed, scheduler=scheduler)
     finish(result, as_json)
+
+
+@click.command()
+@click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
+              help='Sky file to write.')
+@click.option('--fov-deg', type=FOV_DEG,
+              help='Horizontal field of view of 1024 x 1024 px.  [default: 12]')
+@click.option('--camera', 'camera_file', type=InputPath(),
+              help='Camera YAML, instead of --fov-deg.')
+@click.option('--epoch', 'epoch_year', type=click.FloatRange(1900, 2100),
+              help='Julian year of the star places, rounded.  [default: this year]')
+@click.option('--band', type=click.Choice(['V', 'Hp', 'G']), default='V', show_default=True,
+              help='Band of the magnitudes.')
+@click.option('--magnitude-limit', type=click.FloatRange(0, 11), default=0.0, show_default=True,
+              help='Faintest stars of the pairs; 0: a field holds twenty on average.')
+@click.option('--fov-error-percent', type=click.FloatRange(0, 5), default=0.5, show_default=True,
+              help='Tolerance of the focal length, for which there are pairs.')
+@json_option
+def sky(output: Path, fov_deg: float | None, camera_file: Path | None, epoch_year: float | None,
+        band: str, as_json: bool, **limits: float) -> None:
+    """
+    Write the sky file of the native core for a camera: stars, cells, pairs of stars.
+
+    It serves all cameras of this field and these pixels.
+    """
+    if fov_deg is not None and camera_file is not None:
+        raise click.UsageError('give either --fov-deg or --camera')
+    from startracker_ros.core.astro.epoch import epoch_year_now
+    from startracker_ros.core.camera.model import Camera, CameraError
+    from startracker_ros.core.catalog.band import BandOptions
+    from startracker_ros.core.identify.identification import IdentificationOptions
+    from startracker_ros.core.native import NativeError
+    from startracker_ros.io.images.camera_files import load_camera
+    from startracker_ros.tools.catalogue.sky_file import write_sky
+    with usage_error_on(CameraError):
+        camera = (Camera.from_fov(1024, 1024, fov_deg or 12.0) if camera_file is None
+                  else load_camera(camera_file))
+    with usage_error_on(CameraError), exit_1_on(NativeError, output=output):
+        # Before the long work, not after it.
+        check_output(output)
+        result = write_sky(camera, output, epoch_year or epoch_year_now(),
+                           IdentificationOptions(**limits), BandOptions(band))
+    print_result(result, as_json)

@@ -1,0 +1,131 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Which stars are near a direction, where they are at an epoch, and which pairs have a separation.
+
+#include <algorithm>
+#include <cmath>
+
+#include "sky/sky.h"
+
+namespace st {
+namespace {
+
+// Beyond what sums of squares and cell numbers round.
+constexpr double ROUNDING = 1e-12;
+
+struct CellRange {
+    int32_t first, last;
+};
+
+/// Return the cells, along one axis, within a chord of a coordinate.
+CellRange cells_about(const Cells &cells, double coordinate, double chord) {
+    const double half = cells.cells / 2.0, reach = chord + ROUNDING;
+    const double low = (coordinate - reach + 1) * half, high = (coordinate + reach + 1) * half;
+    const double last = cells.cells - 1;
+    return {static_cast<int32_t>(std::fmin(std::fmax(low, 0.0), last)),
+            static_cast<int32_t>(std::fmin(std::fmax(high, 0.0), last))};
+}
+
+/// Call visit(star) for the stars of all cells within a chord of a unit vector.
+template <class Visit>
+void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit visit) {
+    const CellRange x = cells_about(cells, centre[0], chord);
+    const CellRange y = cells_about(cells, centre[1], chord);
+    const CellRange z = cells_about(cells, centre[2], chord);
+    for (int32_t i = x.first; i <= x.last; ++i) {
+        for (int32_t j = y.first; j <= y.last; ++j) {
+            // The cells of a row are consecutive, and so are their stars.
+            const int32_t row = (i * cells.cells + j) * cells.cells;
+            const int32_t end = cells.start[row + z.last + 1];
+            for (int32_t m = cells.start[row + z.first]; m < end; ++m) {
+                visit(cells.member[m]);
+            }
+        }
+    }
+}
+
+/// Return the step of the k-vector that a separation falls into, the first one for NaN.
+int32_t step_of(const Pairs &pairs, double separation_rad) {
+    const double step = (separation_rad - pairs.first_rad) * pairs.steps_per_rad;
+    return step > 0 ? static_cast<int32_t>(std::fmin(step, pairs.pairs)) : 0;
+}
+
+}  // namespace
+
+Vector3 direction_at(const Sky &sky, int32_t star, double years, const Vector3 &moved_au) {
+    const double *direction = sky.direction[star];
+    const float *motion = sky.motion[star];
+    Vector3 moved;
+    double square = 0;
+    for (int i = 0; i < 3; ++i) {
+        moved[i] = direction[i] + years * static_cast<double>(motion[i]) -
+                   static_cast<double>(sky.parallax_rad[star]) * moved_au[i];
+        square += moved[i] * moved[i];
+    }
+    const double length = std::sqrt(square);
+    for (int i = 0; i < 3; ++i) {
+        moved[i] /= length;
+    }
+    return moved;
+}
+
+int32_t stars_in_cone(const Sky &sky, const Vector3 &axis, double radius_rad, int32_t *index,
+                      int32_t capacity) {
+    const double radius = std::fmin(radius_rad, M_PI), least = std::cos(radius);
+    int32_t found = 0, kept = 0;
+    visit_near(sky.cells, axis, 2 * std::sin(radius / 2), [&](int32_t star) {
+        const double *d = sky.direction[star];
+        if (!(d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= least)) {
+            return;
+        }
+        ++found;
+        // A heap with the faintest star, that of the largest index, in front.
+        if (kept == capacity && kept > 0 && star < index[0]) {
+            std::pop_heap(index, index + kept--);
+        }
+        if (kept < capacity) {
+            index[kept++] = star;
+            std::push_heap(index, index + kept);
+        }
+    });
+    std::sort_heap(index, index + kept);
+    return found;
+}
+
+int32_t nearest_star(const Sky &sky, const Vector3 &direction, double chord, double &square) {
+    int32_t best = -1;
+    square = INFINITY;
+    visit_near(sky.pattern_cells, direction, chord, [&](int32_t star) {
+        const double *d = sky.direction[star];
+        const double dx = d[0] - direction[0], dy = d[1] - direction[1], dz = d[2] - direction[2];
+        const double found = dx * dx + dy * dy + dz * dz;
+        if (found <= chord * chord && found < square) {
+            best = star;
+            square = found;
+        }
+    });
+    return best;
+}
+
+PairRange pairs_between(const Pairs &pairs, double low_rad, double high_rad) {
+    const double *separation = pairs.separation_rad;
+    // The division rounds, hence the comparison to both sides.
+    int32_t first = pairs.below[step_of(pairs, low_rad)];
+    while (first > 0 && separation[first - 1] >= low_rad) {
+        --first;
+    }
+    while (first < pairs.pairs && separation[first] < low_rad) {
+        ++first;
+    }
+    int32_t end = pairs.below[step_of(pairs, high_rad)];
+    while (end > 0 && separation[end - 1] > high_rad) {
+        --end;
+    }
+    while (end < pairs.pairs && separation[end] <= high_rad) {
+        ++end;
+    }
+    return {first, std::max(first, end)};
+}
+
+}  // namespace st
