@@ -72,8 +72,8 @@ class OnboardCatalog:
         if epoch_year == self.epoch_year or self.motion is None or self.parallax_rad is None:
             return self
         earth_au = earth_position_au(epoch_year) - earth_position_au(self.epoch_year)
-        moved = self.direction + (epoch_year - self.epoch_year) * self.motion
-        moved -= self.parallax_rad[:, None] * earth_au
+        moved = self.direction + (epoch_year - self.epoch_year) * self.motion.astype(float)
+        moved -= self.parallax_rad[:, None].astype(float) * earth_au
         return replace(self, direction=_normalised(moved), epoch_year=epoch_year)
 
     def brighter_than(self, limit: float) -> 'OnboardCatalog':
