@@ -10,14 +10,14 @@ import subprocess
 import cv2
 from golden_vectors import camera_of, difference, FOLDER, plain, STAGES
 from hypothesis import given, settings, strategies as st
-from native_core import build_module, built, call, compiler, filled, ROOT
 from limits import HANGS_S
+from native_core import build_module, built, call, compiler, filled
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
-from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.camera.distortion import MODELS
+from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.native import CAMERA
 
 NAMES = list(MODELS)
@@ -227,5 +227,3 @@ def test_any_camera_is_that_of_the_package(model, shares, focal_px, centre):
     again = of_list('st_project', struct_of(camera), direction, (2,))
     np.testing.assert_allclose(again, camera.project(direction), atol=1e-9 * focal_px)
     np.testing.assert_allclose(again[np.isfinite(again)], pixel[np.isfinite(again)], atol=1e-4)
-
-

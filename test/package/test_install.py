@@ -24,8 +24,8 @@ from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.ros.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
-PARTS = ('LICENSE', 'MANIFEST.in', 'NOTICE', 'config', 'launch', 'native', 'package.xml', 'pyproject.toml', 'resource',
-         'setup.cfg', 'setup.py', 'startracker_ros')
+PARTS = ('LICENSE', 'MANIFEST.in', 'NOTICE', 'config', 'launch', 'native', 'package.xml',
+         'pyproject.toml', 'resource', 'setup.cfg', 'setup.py', 'startracker_ros')
 COLCON = Path(sysconfig.get_path('scripts')) / 'colcon'
 LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
@@ -140,8 +140,9 @@ def test_all_modules_and_data_are_installed(install):
 def test_the_native_core_is_installed(install):
     library = install.modules / 'startracker_ros' / 'core' / 'libstartracker.so'
     assert library.is_file()
-    loaded = output(['python3', '-c', 'from startracker_ros.core.native import build_text, LIBRARY;'
-                     'print(build_text(), LIBRARY)'], env=install.environment, cwd=install.prefix)
+    loaded = output(['python3', '-c', 'from startracker_ros.core import native; '
+                     'print(native.build_text(), native.LIBRARY)'], env=install.environment,
+                    cwd=install.prefix)
     assert loaded.split()[-1] == str(library)
     if install.route == 'pip':
         # One wheel for all Pythons of the platform.

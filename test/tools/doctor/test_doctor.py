@@ -43,8 +43,9 @@ def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
     assert set(document) == {'name', 'conditions', 'rows'} and document['name'] == 'doctor'
     rows = {row['check']: row for row in document['rows']}
     assert not rows['camera file: pixels']['holds']
-    for sound in ('Python', 'packages', 'native core', 'star catalogue', 'middleware', 'ROS_DOMAIN_ID',
-                  'discovery range', 'Fast DDS profile', 'loopback', 'camera file: field'):
+    for sound in ('Python', 'packages', 'native core', 'star catalogue', 'middleware',
+                  'ROS_DOMAIN_ID', 'discovery range', 'Fast DDS profile', 'loopback',
+                  'camera file: field'):
         assert rows[sound]['holds'], rows[sound]
     assert '2 MiB image in' in rows['loopback']['result']
     assert all(row['holds'] or row['mend'] for row in document['rows'])
