@@ -47,6 +47,15 @@ inline double interpolate(const Mesh &mesh, const double *tile, double y, double
     return (1 - y) * ((1 - x) * above[0] + x * above[1]) + y * ((1 - x) * below[0] + x * below[1]);
 }
 
+/// Fill at_tile (columns + 2) with the values at y tiles down, in the middles of the tiles.
+inline void interpolate_row(const Mesh &mesh, const double *tile, double y, double *at_tile) {
+    const int i = y < 1.0 ? 0 : y < mesh.rows ? static_cast<int>(y) : mesh.rows;
+    const double *above = tile + i * (mesh.columns + 2), *below = above + mesh.columns + 2;
+    for (int j = 0; j < mesh.columns + 2; ++j) {
+        at_tile[j] = (i + 1 - y) * above[j] + (y - i) * below[j];
+    }
+}
+
 /// Return level and noise at a pixel, which may be beyond the borders.
 inline Background background_at(const Mesh &mesh, int u, int v) {
     const double y = (v + 0.5) * mesh.tiles_down + 0.5, x = (u + 0.5) * mesh.tiles_across + 0.5;
