@@ -251,25 +251,6 @@ bool is_bent(const Mesh &mesh) {
     return bent > BENT_SHARE * (mesh.rows * mesh.columns);
 }
 
-/// A place between two tiles: the first of them, the second, and the share of the second.
-struct Between {
-    int first, second;
-    float share;
-};
-
-Between between(int pixel, int pixels, int tiles) {
-    const double scale = static_cast<double>(tiles) / pixels;
-    auto place = static_cast<float>((pixel + 0.5) * scale - 0.5);
-    const int first = static_cast<int>(std::floor(place));
-    if (first < 0) {
-        return {0, 0, 0.0f};
-    }
-    if (first >= tiles - 1) {
-        return {tiles - 1, tiles - 1, 0.0f};
-    }
-    return {first, first + 1, place - static_cast<float>(first)};
-}
-
 ST_CLONES void mix(const float *__restrict above, const float *__restrict below, float share,
                    int count, float *__restrict row) {
     const float kept = 1.0f - share;
@@ -309,31 +290,55 @@ Mesh measure_background(const Image &image, const Kernel &kernel, double *level,
     return mesh;
 }
 
-void over_image(const Mesh &mesh, const double *tile, const Plane<float> &plane, Arena &arena) {
-    const Arena::Scope scope(arena);
-    const auto width = static_cast<size_t>(plane.width);
-    // Rows of tiles over the columns of the image: two of them are between any two pixels.
-    float *over[2] = {arena.take<float>(width), arena.take<float>(width)};
-    auto *places = arena.take<Between>(width);
-    for (int u = 0; u < plane.width; ++u) {
-        places[u] = between(u, plane.width, mesh.columns);
+OverImage::OverImage(const Mesh &mesh, const double *tile, int width, int height, Arena &arena)
+    : mesh_(mesh),
+      tile_(tile),
+      width_(width),
+      height_(height),
+      places_(arena.take<Between>(static_cast<size_t>(width))),
+      over_{arena.take<float>(static_cast<size_t>(width)),
+            arena.take<float>(static_cast<size_t>(width))} {
+    for (int u = 0; u < width; ++u) {
+        places_[u] = between(u, width, mesh.columns);
     }
-    int filled[2] = {-1, -1};
-    for (int v = 0; v < plane.height; ++v) {
-        const Between down = between(v, plane.height, mesh.rows);
-        for (int i = down.first; i <= down.second; ++i) {
-            if (filled[i % 2] != i) {
-                const double *row = tile + (i + 1) * (mesh.columns + 2) + 1;
-                for (int u = 0; u < plane.width; ++u) {
-                    const Between &at = places[u];
-                    over[i % 2][u] = static_cast<float>(row[at.first]) * (1.0f - at.share) +
-                                     static_cast<float>(row[at.second]) * at.share;
-                }
-                filled[i % 2] = i;
+}
+
+OverImage::Between OverImage::between(int pixel, int pixels, int tiles) {
+    const double scale = static_cast<double>(tiles) / pixels;
+    const auto place = static_cast<float>((pixel + 0.5) * scale - 0.5);
+    const int first = static_cast<int>(std::floor(place));
+    if (first < 0) {
+        return {0, 0, 0.0f};
+    }
+    if (first >= tiles - 1) {
+        return {tiles - 1, tiles - 1, 0.0f};
+    }
+    return {first, first + 1, place - static_cast<float>(first)};
+}
+
+float OverImage::across(int tile_row, const Between &place) const {
+    const double *row = tile_ + (tile_row + 1) * (mesh_.columns + 2) + 1;
+    return static_cast<float>(row[place.first]) * (1.0f - place.share) +
+           static_cast<float>(row[place.second]) * place.share;
+}
+
+void OverImage::fill(int v, float *row) {
+    const Between down = between(v, height_, mesh_.rows);
+    for (int i = down.first; i <= down.second; ++i) {
+        if (filled_[i % 2] != i) {
+            for (int u = 0; u < width_; ++u) {
+                over_[i % 2][u] = across(i, places_[u]);
             }
+            filled_[i % 2] = i;
         }
-        mix(over[down.first % 2], over[down.second % 2], down.share, plane.width, plane.row(v));
     }
+    mix(over_[down.first % 2], over_[down.second % 2], down.share, width_, row);
+}
+
+float OverImage::at(int u, int v) const {
+    const Between down = between(v, height_, mesh_.rows);
+    return across(down.first, places_[u]) * (1.0f - down.share) +
+           across(down.second, places_[u]) * down.share;
 }
 
 double pixel_noise(const Image &image, Arena &arena) {

@@ -84,9 +84,36 @@ size_t most_tiles(int width, int height);
 Mesh measure_background(const Image &image, const Kernel &kernel, double *level, double *noise,
                         Arena &arena);
 
-/// Fill plane with level or noise of a mesh at each pixel of its image: bilinear between the middles
-/// of the tiles, constant beyond the outermost.
-void over_image(const Mesh &mesh, const double *tile, const Plane<float> &plane, Arena &arena);
+/// Level or noise of a mesh at each pixel of its image: bilinear between the middles of the tiles,
+/// constant beyond the outermost. Rows are filled in turn, with memory of the arena.
+class OverImage {
+public:
+    OverImage(const Mesh &mesh, const double *tile, int width, int height, Arena &arena);
+
+    /// Fill row v of the image, as wide as that.
+    void fill(int v, float *row);
+
+    /// Return the value at one pixel.
+    float at(int u, int v) const;
+
+private:
+    /// A place between two tiles: the first of them, the second, and the share of the second.
+    struct Between {
+        int first, second;
+        float share;
+    };
+
+    static Between between(int pixel, int pixels, int tiles);
+    float across(int tile_row, const Between &place) const;
+
+    const Mesh &mesh_;
+    const double *tile_;
+    int width_, height_;
+    Between *places_;
+    // Rows of tiles over the columns of the image: two of them are about any row of pixels.
+    float *over_[2];
+    int filled_[2] = {-1, -1};
+};
 
 /// Return the noise of a pixel, 1 sigma in DN, by the steps along its rows. Hits on some pixels
 /// leave it as it is, while the filter gives each the size of a star.
