@@ -47,6 +47,15 @@ inline double interpolate(const Mesh &mesh, const double *tile, double y, double
     return (1 - y) * ((1 - x) * above[0] + x * above[1]) + y * ((1 - x) * below[0] + x * below[1]);
 }
 
+/// Fill at_tile (columns + 2) with the values at y tiles down, in the middles of the tiles.
+inline void interpolate_row(const Mesh &mesh, const double *tile, double y, double *at_tile) {
+    const int i = y < 1.0 ? 0 : y < mesh.rows ? static_cast<int>(y) : mesh.rows;
+    const double *above = tile + i * (mesh.columns + 2), *below = above + mesh.columns + 2;
+    for (int j = 0; j < mesh.columns + 2; ++j) {
+        at_tile[j] = (i + 1 - y) * above[j] + (y - i) * below[j];
+    }
+}
+
 /// Return level and noise at a pixel, which may be beyond the borders.
 inline Background background_at(const Mesh &mesh, int u, int v) {
     const double y = (v + 0.5) * mesh.tiles_down + 0.5, x = (u + 0.5) * mesh.tiles_across + 0.5;
@@ -75,9 +84,36 @@ size_t most_tiles(int width, int height);
 Mesh measure_background(const Image &image, const Kernel &kernel, double *level, double *noise,
                         Arena &arena);
 
-/// Fill plane with level or noise of a mesh at each pixel of its image: bilinear between the middles
-/// of the tiles, constant beyond the outermost.
-void over_image(const Mesh &mesh, const double *tile, const Plane<float> &plane, Arena &arena);
+/// Level or noise of a mesh at each pixel of its image: bilinear between the middles of the tiles,
+/// constant beyond the outermost. Rows are filled in turn, with memory of the arena.
+class OverImage {
+public:
+    OverImage(const Mesh &mesh, const double *tile, int width, int height, Arena &arena);
+
+    /// Fill row v of the image, as wide as that.
+    void fill(int v, float *row);
+
+    /// Return the value at one pixel.
+    float at(int u, int v) const;
+
+private:
+    /// A place between two tiles: the first of them, the second, and the share of the second.
+    struct Between {
+        int first, second;
+        float share;
+    };
+
+    static Between between(int pixel, int pixels, int tiles);
+    float across(int tile_row, const Between &place) const;
+
+    const Mesh &mesh_;
+    const double *tile_;
+    int width_, height_;
+    Between *places_;
+    // Rows of tiles over the columns of the image: two of them are about any row of pixels.
+    float *over_[2];
+    int filled_[2] = {-1, -1};
+};
 
 /// Return the noise of a pixel, 1 sigma in DN, by the steps along its rows. Hits on some pixels
 /// leave it as it is, while the filter gives each the size of a star.

@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Filters of whole images, for those that a search for points does not explain.
+// A Gaussian filter of whole images, for those that a search for points does not explain.
 
 #pragma once
 
@@ -10,8 +10,8 @@
 
 namespace st {
 
-/// Replace plane by itself after a Gaussian filter of this sigma, with 2 ceil-like reach of
-/// 4 sigma; the image is mirrored at its borders.
+/// Replace a plane by itself after a Gaussian filter of this sigma, at most 4 px, which is cut off
+/// at 4 sigma; the image is mirrored at its borders.
 void blur(const Plane<float> &plane, double sigma_px, Arena &arena);
 
 }  // namespace st

@@ -10,14 +10,10 @@
 
 namespace st {
 
-/// A pixel above a threshold, and the number of the spot it belongs to.
-struct SpotPixel {
-    int u, v, spot;
-};
-
-/// Number the spots of pixels, which are in the order of an image of this width; return how many
-/// there are. They are numbered in the order of their first pixels. Union of sets with halved paths
-/// (Tarjan, J. ACM 22, 1975).
-int connect(SpotPixel *pixels, int count, int width, Arena &arena);
+/// Number the spots of a plane: pixels that are not 0 get the number of their spot, from 1 on, in
+/// the order of the first pixels of the spots. Return how many there are.
+///
+/// Union of sets with halved paths (Tarjan, J. ACM 22, 1975), over the image row by row.
+int connect(const Plane<int32_t> &spot, Arena &arena);
 
 }  // namespace st

@@ -72,8 +72,7 @@ void profile(double centre, double sigma, int first, int count, Profile<Number> 
         const double phi =
             node.phi + node.density * t * (1 - t * (z0 / 2 - t * ((square - 1) / 6)));
         const double density =
-            node.density *
-            (1 - t * (z0 - t * ((square - 1) / 2 - t * (z0 * (square - 3) / 6))));
+            node.density * (1 - t * (z0 - t * ((square - 1) / 2 - t * (z0 * (square - 3) / 6))));
         if (k > 0) {
             of.share[k - 1] = static_cast<Number>(phi - phi_lower);
             of.d_centre[k - 1] = static_cast<Number>((density_lower - density) * per_sigma);

@@ -34,6 +34,15 @@ inline int mirrored(int index, int count) {
     return index < 2 * count - 2 - index ? index : 2 * count - 2 - index;
 }
 
+/// Fill line (width + 2 radius) with the middle one of rows (2 radius + 1) of an image after the
+/// filter along the columns; it extends the radius beyond the image, which is mirrored.
+void filter_down(const uint16_t *const *rows, const Kernel &kernel, int width, float *line);
+void filter_down(const float *const *rows, const Kernel &kernel, int width, float *line);
+
+/// Fill target[begin] .. target[end - 1] with line, a result of filter_down(), after the filter
+/// along the row.
+void filter_across(const float *line, const Kernel &kernel, int begin, int end, float *target);
+
 /// Return the filtered image at one pixel.
 double filtered_at(const Image &image, const Kernel &kernel, int u, int v);
 
