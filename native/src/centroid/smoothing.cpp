@@ -123,8 +123,8 @@ double filtered_at(const Image &image, const Kernel &kernel, int u, int v) {
         const uint16_t *row = image.row(mirrored(v + y, image.height));
         double across = 0.0;
         for (int x = -radius; x <= radius; ++x) {
-            const float pixel = static_cast<float>(row[mirrored(u + x, image.width)]);
-            across += static_cast<double>(kernel.weights[x < 0 ? -x : x] * pixel);
+            across += static_cast<double>(kernel.weights[x < 0 ? -x : x]) *
+                      row[mirrored(u + x, image.width)];
         }
         total += static_cast<double>(kernel.weights[y < 0 ? -y : y]) * across;
     }

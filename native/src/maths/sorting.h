@@ -96,4 +96,14 @@ double median(T *values, int count) {
     return (static_cast<double>(ranked(values, count, count / 2 - 1)) + upper) / 2;
 }
 
+/// Return a quantile of count > 0 values, linear between those beside it; they change their order.
+inline double quantile(double *values, int count, double share) {
+    const double place = share * (count - 1);
+    const int below = static_cast<int>(place);
+    const double low = ranked(values, count, below);
+    const double high = below + 1 < count ? ranked(values, count, below + 1) : low;
+    const double step = high - low, part = place - below;
+    return part < 0.5 ? low + step * part : high - step * (1 - part);
+}
+
 }  // namespace st
