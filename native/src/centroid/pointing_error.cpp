@@ -49,12 +49,13 @@ int rounded(double value) {
 
 /// Fill the indices of the stars used: bright, alone with fainter ones, not saturated; return how
 /// many there are.
-int choose(const Image &image, const StreakStar *stars, int count, int reach,
-           double full_scale_dn, int *chosen) {
+int choose(const Image &image, const StreakStar *stars, int count, int reach, double full_scale_dn,
+           int *chosen) {
     int used = 0;
     for (int i = 0; i < count && used < MOST_STARS; ++i) {
         const int u = rounded(stars[i][U]), v = rounded(stars[i][V]);
-        bool good = reach <= u && u < image.width - reach && reach <= v && v < image.height - reach;
+        bool good =
+            reach <= u && u < image.width - reach && reach <= v && v < image.height - reach;
         for (int j = 0; good && j < i; ++j) {
             good = std::fabs(stars[j][U] - u) > reach || std::fabs(stars[j][V] - v) > reach;
         }
@@ -194,10 +195,10 @@ Matrix2 pointing_error(const Image &image, const Mesh &mesh, double full_scale_d
     for (int y = -reach; y <= reach; ++y) {
         for (int x = -reach; x <= reach; ++x) {
             const int d = (y + reach) * size + x + reach;
-            const double core = streaked ? 0.0
-                                         : MODEL_ERROR *
-                                               std::exp(-(x * x + y * y) / (2 * width2)) /
-                                               (2 * M_PI * width2);
+            const double core = streaked
+                                    ? 0.0
+                                    : MODEL_ERROR * std::exp(-(x * x + y * y) / (2 * width2)) /
+                                          (2 * M_PI * width2);
             ratio.value[d] = work.smooth.value[d] / std::sqrt(noise * noise + core * core);
             left.value[d] = work.left.value[d];
             if (ratio.value[d] > most) {

@@ -15,8 +15,8 @@ namespace {
 constexpr int BATCH = 10;  // peaks fitted at a time, brightest first
 constexpr int MOST_BATCHES = 6, MOST_SPOTS = BATCH * MOST_BATCHES;
 constexpr int ENOUGH_STARS = 3;
-constexpr double STAR_SHARE = 0.5;    // of the spots, whose median is the PSF sigma
-constexpr double MOST_ERROR = 0.25;   // relative, of the PSF sigma of a star that counts
+constexpr double STAR_SHARE = 0.5;   // of the spots, whose median is the PSF sigma
+constexpr double MOST_ERROR = 0.25;  // relative, of the PSF sigma of a star that counts
 // Of a narrower star in the middle of its pixel no other pixel has a share.
 constexpr double NARROWEST_PX = 0.3;
 constexpr int SIGMA_ITERATIONS = 4;
@@ -70,8 +70,8 @@ void add_sigmas(const Frame &frame, const Peak *peaks, int count, Sigmas &all, S
             continue;
         }
         all.add(sigma);
-        if (sigma > NARROWEST_PX && misfit(fit.chi2, fit.dof, fit.star[FLUX],
-                                           fit.covariance[FLUX][FLUX]) < MOST_MISFIT) {
+        if (sigma > NARROWEST_PX &&
+            misfit(fit.chi2, fit.dof, fit.star[FLUX], fit.covariance[FLUX][FLUX]) < MOST_MISFIT) {
             stars.add(sigma);
         }
     }

@@ -60,9 +60,8 @@ double width_of(double sigma) {
 
 /// Whether the flux of one streak may reach the pixels of another.
 bool may_reach(const StreakStar &one, const StreakStar &other) {
-    const double reach =
-        (one[LENGTH] + other[LENGTH]) / 2 +
-        2 * (REACH_SIGMAS * greater_of(one[SIGMA], other[SIGMA]) + REACH_PX);
+    const double reach = (one[LENGTH] + other[LENGTH]) / 2 +
+                         2 * (REACH_SIGMAS * greater_of(one[SIGMA], other[SIGMA]) + REACH_PX);
     const double u = one[U] - other[U], v = one[V] - other[V];
     return u * u + v * v < reach * reach;
 }
@@ -205,8 +204,8 @@ StreakStar streak_at(Place place, Place streak_px, double sigma_px) {
 }
 
 template <int P>
-void fit_streaks(const StreakPixels &pixels, StreakFit<P> *fit, int count,
-                 const NoiseModel &noise, int iterations, Arena &arena) {
+void fit_streaks(const StreakPixels &pixels, StreakFit<P> *fit, int count, const NoiseModel &noise,
+                 int iterations, Arena &arena) {
     const Arena::Scope scope(arena);
     const auto n = static_cast<size_t>(count);
     // What may reach what is that of the start.

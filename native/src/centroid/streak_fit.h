@@ -66,8 +66,8 @@ StreakStar streak_at(Place place, Place streak_px, double sigma_px);
 /// Fit streaks from the stars in fit (count), with P parameters free. The arena needs
 /// streak_fit_bytes(count).
 template <int P>
-void fit_streaks(const StreakPixels &pixels, StreakFit<P> *fit, int count,
-                 const NoiseModel &noise, int iterations, Arena &arena);
+void fit_streaks(const StreakPixels &pixels, StreakFit<P> *fit, int count, const NoiseModel &noise,
+                 int iterations, Arena &arena);
 
 size_t streak_fit_bytes(int count);
 

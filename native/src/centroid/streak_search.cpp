@@ -28,9 +28,9 @@ constexpr int FITTED = 12;              // spots, the brightest that agree
 constexpr int FIT_ITERATIONS = 12;
 constexpr double MOST_LENGTH_ERROR = 0.3;  // of a fit, relative
 constexpr double SIGMA_FLOOR_PX = 0.05;
-constexpr int NOISE_SAMPLES = 7;        // one pixel of so many along each axis
-constexpr int MOST_REACH_PX = 256;      // of the filter; a longer streak is cut
-constexpr int BLOCK = 4 * LANES;        // pixels filtered at a time
+constexpr int NOISE_SAMPLES = 7;    // one pixel of so many along each axis
+constexpr int MOST_REACH_PX = 256;  // of the filter; a longer streak is cut
+constexpr int BLOCK = 4 * LANES;    // pixels filtered at a time
 
 // --- the streak on which spots agree ---
 
@@ -56,7 +56,8 @@ template <class At>
 void into_half_plane(int count, At at) {
     double sine = 0.0, cosine = 0.0;
     for (int i = 0; i < count; ++i) {
-        const double length = std::hypot(at(i).u, at(i).v), angle = 2 * std::atan2(at(i).v, at(i).u);
+        const double length = std::hypot(at(i).u, at(i).v),
+                     angle = 2 * std::atan2(at(i).v, at(i).u);
         sine += length * std::sin(angle);
         cosine += length * std::cos(angle);
     }
@@ -160,8 +161,7 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
 /// Whether another spot has the streak of one, or its opposite.
 bool agree(const Spot &one, const Spot &other) {
     const double length = std::hypot(one.streak.u, one.streak.v);
-    const double same =
-        std::hypot(one.streak.u - other.streak.u, one.streak.v - other.streak.v);
+    const double same = std::hypot(one.streak.u - other.streak.u, one.streak.v - other.streak.v);
     const double opposite =
         std::hypot(one.streak.u + other.streak.u, one.streak.v + other.streak.v);
     return std::fmin(same, opposite) < std::fmax(LENGTH_PX, LENGTH_SHARE * length) &&
@@ -450,12 +450,11 @@ size_t streak_search_bytes(int width, int height) {
     const size_t spots = 2 * image + Arena::padded<int32_t>((w + 1) / 2 * ((h + 1) / 2) + 1) +
                          Arena::padded<Sums>(MOST_NUMBERS) + 2 * Arena::padded<int>(MOST_NUMBERS);
     const size_t blurred = 2 * image + 34 * Arena::padded<float>(w + 64);
-    const size_t search = image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) +
-                          Arena::padded<float>(rows * rows) + 2 * Arena::padded<int>(rows) +
-                          Arena::padded<float>((w + 2 * reach + BLOCK) * rows) +
-                          Arena::padded<const float *>(rows) +
-                          Arena::padded<float>((w / 7 + 1) * (h / 7 + 1)) +
-                          Arena::padded<double>(MOST_STREAK_PEAKS);
+    const size_t search =
+        image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) + Arena::padded<float>(rows * rows) +
+        2 * Arena::padded<int>(rows) + Arena::padded<float>((w + 2 * reach + BLOCK) * rows) +
+        Arena::padded<const float *>(rows) + Arena::padded<float>((w / 7 + 1) * (h / 7 + 1)) +
+        Arena::padded<double>(MOST_STREAK_PEAKS);
     const size_t most = spots > blurred ? spots : blurred;
     return (most > search ? most : search) + streak_fit_bytes(FITTED);
 }

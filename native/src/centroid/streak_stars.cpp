@@ -81,9 +81,8 @@ st_rejection kind_of(const Fits &fits, int i, double threshold_sigmas) {
     if (!(star[FLUX] / std::sqrt(variance) >= FAINT * threshold_sigmas)) {
         return ST_REJECTED_FAINT;
     }
-    return misfit(fit.chi2, fit.dof, star[FLUX], variance) > MOST_MISFIT
-               ? ST_REJECTED_NOT_STREAKED
-               : ST_REJECTED_COUNT;
+    return misfit(fit.chi2, fit.dof, star[FLUX], variance) > MOST_MISFIT ? ST_REJECTED_NOT_STREAKED
+                                                                         : ST_REJECTED_COUNT;
 }
 
 /// Leave out what is no streak of a star. All are judged before the first is left out.
