@@ -3,6 +3,8 @@
 
 #include "centroid/psf.h"
 
+#include "maths/lanes.h"
+
 namespace st {
 namespace {
 
@@ -54,34 +56,39 @@ constexpr Table table() {
 }
 
 constexpr Table TABLE = table();
+constexpr int EDGES = MOST_COLUMNS + PAIR;
+constexpr double SIXTH = 1.0 / 6;
+constexpr Pair LOWEST{-Z_MAX, -Z_MAX}, HIGHEST{Z_MAX, Z_MAX};
 
 }  // namespace
 
 template <class Number>
 void profile(double centre, double sigma, int first, int count, Profile<Number> &of) {
+    // At the edges of the pixels, two at a time.
+    double z[EDGES], phi[EDGES], density[EDGES];
     const double per_sigma = 1 / sigma, z_first = (first - 0.5 - centre) / sigma;
-    double z_lower = 0.0, density_lower = 0.0, phi_lower = 0.0;
-    for (int k = 0; k <= count; ++k) {
-        double z = z_first + k * per_sigma;
+    for (int k = 0; k <= count; k += PAIR) {
+        Pair here = z_first + Pair{1.0 * k, k + 1.0} * per_sigma;
         // As it is written NaN becomes a bound, which is in the table.
-        z = z > -Z_MAX ? z : -Z_MAX;
-        z = z < Z_MAX ? z : Z_MAX;
-        const int nearest = static_cast<int>((z + Z_MAX) * STEPS + 0.5);
-        const Node node = TABLE.node[nearest];
-        const double z0 = nearest * (1.0 / STEPS) - Z_MAX, t = z - z0, square = z0 * z0;
-        const double phi =
-            node.phi + node.density * t * (1 - t * (z0 / 2 - t * ((square - 1) / 6)));
-        const double density =
-            node.density * (1 - t * (z0 - t * ((square - 1) / 2 - t * (z0 * (square - 3) / 6))));
-        if (k > 0) {
-            of.share[k - 1] = static_cast<Number>(phi - phi_lower);
-            of.d_centre[k - 1] = static_cast<Number>((density_lower - density) * per_sigma);
-            of.d_sigma[k - 1] =
-                static_cast<Number>((z_lower * density_lower - z * density) * per_sigma);
-        }
-        z_lower = z;
-        density_lower = density;
-        phi_lower = phi;
+        here = here > LOWEST ? here : LOWEST;
+        here = here < HIGHEST ? here : HIGHEST;
+        const Pair place = (here + Z_MAX) * STEPS + 0.5;
+        const int one = static_cast<int>(place[0]), other = static_cast<int>(place[1]);
+        const Node node = TABLE.node[one], next = TABLE.node[other];
+        const Pair phi0{node.phi, next.phi}, density0{node.density, next.density};
+        const Pair z0 = Pair{1.0 * one, 1.0 * other} * (1.0 / STEPS) - Z_MAX;
+        const Pair t = here - z0, square = z0 * z0;
+        store(z + k, here);
+        store(phi + k, phi0 + density0 * t * (1 - t * (z0 * 0.5 - t * ((square - 1) * SIXTH))));
+        store(density + k,
+              density0 *
+                  (1 - t * (z0 - t * ((square - 1) * 0.5 - t * (z0 * (square - 3) * SIXTH)))));
+    }
+    for (int k = 0; k < count; ++k) {
+        of.share[k] = static_cast<Number>(phi[k + 1] - phi[k]);
+        of.d_centre[k] = static_cast<Number>((density[k] - density[k + 1]) * per_sigma);
+        of.d_sigma[k] =
+            static_cast<Number>((z[k] * density[k] - z[k + 1] * density[k + 1]) * per_sigma);
     }
 }
 

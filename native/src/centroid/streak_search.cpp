@@ -4,6 +4,7 @@
 #include "centroid/streak_search.h"
 
 #include <cmath>
+#include <cstring>
 
 #include "centroid/blur.h"
 #include "centroid/connected.h"
@@ -28,9 +29,10 @@ constexpr int FITTED = 12;              // spots, the brightest that agree
 constexpr int FIT_ITERATIONS = 12;
 constexpr double MOST_LENGTH_ERROR = 0.3;  // of a fit, relative
 constexpr double SIGMA_FLOOR_PX = 0.05;
-constexpr int NOISE_SAMPLES = 7;    // one pixel of so many along each axis
-constexpr int MOST_REACH_PX = 256;  // of the filter; a longer streak is cut
-constexpr int BLOCK = 4 * LANES;    // pixels filtered at a time
+constexpr double LEAST_WEIGHT = 1e-4;  // of the filter, over that of its middle: less is left out
+constexpr int NOISE_SAMPLES = 7;       // one pixel of so many along each axis
+constexpr int MOST_REACH_PX = 256;     // of the filter; a longer streak is cut
+constexpr int BLOCK = 8 * LANES;       // pixels filtered at a time
 
 // --- the streak on which spots agree ---
 
@@ -194,7 +196,7 @@ int most_agreed(const Spots &spots) {
 // --- the filter of a streak ---
 
 /// The flux of a unit streak about the middle of an image: rows of weights, those from first to
-/// end - 1 of which are not zero.
+/// end - 1 of which count.
 struct StreakKernel {
     int across, down;
     float *weight;
@@ -220,15 +222,17 @@ StreakKernel kernel_of(const Streak &streak, double sigma_px, Arena &arena) {
     kernel.end = arena.take<int>(static_cast<size_t>(rows));
     StreakStar star = streak_at({0.0, 0.0}, {streak.u_px, streak.v_px}, sigma_px);
     const StreakShape shape(star);
+    const double least = LEAST_WEIGHT * shape.share_at(0.0, 0.0);
     double energy = 0.0;
     for (int y = 0; y < rows; ++y) {
         float *row = kernel.weight + y * columns;
         kernel.first[y] = columns;
         kernel.end[y] = 0;
         for (int x = 0; x < columns; ++x) {
-            row[x] = static_cast<float>(shape.share_at(x - kernel.across, y - kernel.down));
-            if (row[x] > 0.0F) {
-                energy += static_cast<double>(row[x]) * static_cast<double>(row[x]);
+            const double share = shape.share_at(x - kernel.across, y - kernel.down);
+            row[x] = static_cast<float>(share);
+            energy += share * share;
+            if (share > least) {
                 kernel.first[y] = kernel.first[y] < x ? kernel.first[y] : x;
                 kernel.end[y] = x + 1;
             }
@@ -244,25 +248,25 @@ StreakKernel kernel_of(const Streak &streak, double sigma_px, Arena &arena) {
 /// its reach across on both sides, and further to a whole block.
 void filter_row(const StreakKernel &kernel, const float *const *line, int width, float *target) {
     for (int x = 0; x < width; x += BLOCK) {
-        Lanes a{}, b{}, c{}, d{};
+        // So many sums that none waits for the one before.
+        Lanes a{}, b{}, c{}, d{}, e{}, f{}, g{}, h{};
         for (int y = 0; y < kernel.rows(); ++y) {
             const float *row = kernel.weight + y * kernel.columns(), *from = line[y] + x;
             for (int k = kernel.first[y]; k < kernel.end[y]; ++k) {
-                const float weight = row[k];
+                const Lanes weight = all_of(row[k]);
                 a += weight * load(from + k);
                 b += weight * load(from + k + LANES);
                 c += weight * load(from + k + 2 * LANES);
                 d += weight * load(from + k + 3 * LANES);
+                e += weight * load(from + k + 4 * LANES);
+                f += weight * load(from + k + 5 * LANES);
+                g += weight * load(from + k + 6 * LANES);
+                h += weight * load(from + k + 7 * LANES);
             }
         }
-        float block[BLOCK];
-        store(block, a);
-        store(block + LANES, b);
-        store(block + 2 * LANES, c);
-        store(block + 3 * LANES, d);
-        for (int k = 0; k < BLOCK && x + k < width; ++k) {
-            target[x + k] = block[k];
-        }
+        const Lanes sums[BLOCK / LANES] = {a, b, c, d, e, f, g, h};
+        const int whole = width - x < BLOCK ? width - x : BLOCK;
+        std::memcpy(target + x, sums, static_cast<size_t>(whole) * sizeof(float));
     }
 }
 

@@ -50,6 +50,10 @@ void cut_window(const Frame &frame, const Peak &peak, int radius, Window &window
     const Slope slope = slope_at(frame.mesh, peak.u, peak.v, radius);
     const int first_x = greater_of(-left, 0), end_x = lesser_of(image.width - left, count);
     const int first_y = greater_of(-top, 0), end_y = lesser_of(image.height - top, count);
+    double across[MOST_COLUMNS];
+    for (int x = 0; x < count; ++x) {
+        across[x] = slope.across * (x - radius);
+    }
     for (int y = 0; y < count; ++y) {
         float *data = window.data + y * filled, *used = window.used + y * filled;
         const bool inside = first_y <= y && y < end_y;
@@ -66,7 +70,7 @@ void cut_window(const Frame &frame, const Peak &peak, int radius, Window &window
         const double down = slope.down * (y - radius);
         for (int x = first_x; x < end_x; ++x) {
             const double value = row[x];
-            data[x] = static_cast<float>(value - peak.level - slope.across * (x - radius) - down);
+            data[x] = static_cast<float>(value - peak.level - across[x] - down);
             used[x] = value < frame.full_scale_dn ? 1.0F : 0.0F;
         }
     }

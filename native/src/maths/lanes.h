@@ -24,6 +24,20 @@ inline void store(float *to, Lanes lanes) {
     std::memcpy(to, &lanes, sizeof(lanes));
 }
 
+/// Two numbers of more digits.
+constexpr int PAIR = 2;
+using Pair = double __attribute__((vector_size(PAIR * sizeof(double))));
+
+inline Pair load(const double *from) {
+    Pair pair;
+    std::memcpy(&pair, from, sizeof(pair));
+    return pair;
+}
+
+inline void store(double *to, Pair pair) {
+    std::memcpy(to, &pair, sizeof(pair));
+}
+
 inline Lanes all_of(float value) {
     return Lanes{value, value, value, value};
 }
