@@ -83,10 +83,10 @@ double normal_equations(const Star &star, const NoiseModel &noise, bool lone, Fi
                 : equations_of<P, false>(star, noise, work, N, g);
 }
 
-template double normal_equations(const Star &, const NoiseModel &, bool, FitWork &,
-                                 Matrix<4, 4> &, Vector<4> &);
-template double normal_equations(const Star &, const NoiseModel &, bool, FitWork &,
-                                 Matrix<5, 5> &, Vector<5> &);
+template double normal_equations(const Star &, const NoiseModel &, bool, FitWork &, Matrix<4, 4> &,
+                                 Vector<4> &);
+template double normal_equations(const Star &, const NoiseModel &, bool, FitWork &, Matrix<5, 5> &,
+                                 Vector<5> &);
 
 template <int P>
 double move(Star &star, const Matrix<P, P> &covariance, const Vector<P> &g) {

@@ -13,11 +13,13 @@ namespace st {
 namespace {
 
 constexpr int ROUGH_ITERATIONS = 2;
-constexpr int MOST_SATURATED_PX = 24;  // of the 5 x 5 around the peak: its flanks show where it is,
-constexpr int FEW_SATURATED_PX = 4;    // but each pixel more than these may have bloomed
+constexpr int MOST_SATURATED_PX =
+    24;                              // of the 5 x 5 around the peak: its flanks show where it is,
+constexpr int FEW_SATURATED_PX = 4;  // but each pixel more than these may have bloomed
 constexpr double BLOOMING_PX = 0.02;
-constexpr double MISFIT = 3.0;         // sigma of chi-square from which on errors are inflated
-constexpr double MOST_DRIFT_PX = 1.5;  // a fit that ends further from its peak is of something else
+constexpr double MISFIT = 3.0;  // sigma of chi-square from which on errors are inflated
+constexpr double MOST_DRIFT_PX =
+    1.5;  // a fit that ends further from its peak is of something else
 constexpr double SEPARATION_PX = 1.0;  // two closer fits are of one star
 constexpr int STAR = -1;               // beside the kinds of st_rejection
 

@@ -9,7 +9,8 @@ namespace st {
 namespace {
 
 constexpr double SEGMENT_SIGMAS = 3.0;  // noise of a pixel, above which it belongs to a star
-constexpr int PHASES = 32;  // positions of a star within its pixel over which its error is averaged
+constexpr int PHASES =
+    32;  // positions of a star within its pixel over which its error is averaged
 constexpr int STRIDE = 13;  // of a lattice with one point in each of 32 columns and 32 rows
 constexpr double CONVERGED = 1e-3;  // of the iterative threshold: share of the range
 constexpr int MOST_ITERATIONS = 30;
@@ -86,8 +87,7 @@ double square_error_at(st_centroid_method method, const NoiseModel &noise, doubl
             const int k = y * count + x;
             grey_work.variance[k] = 0.0;
             if (window.used[y * window.filled + x] > 0.0F) {
-                const double variance =
-                    pixel_variance(noise, window.variance, grey_work.grey[k]);
+                const double variance = pixel_variance(noise, window.variance, grey_work.grey[k]);
                 const Expected weight =
                     expected(method, grey_work.grey[k], std::sqrt(variance), threshold);
                 grey_work.variance[k] = weight.square - weight.mean * weight.mean;
@@ -111,8 +111,7 @@ double square_error_at(st_centroid_method method, const NoiseModel &noise, doubl
 
 /// Return the mean square error per axis in px^2 of a star, averaged over PHASES.
 double square_error(st_centroid_method method, const Star &star, const NoiseModel &noise,
-                    const Segmentation &segmentation, const Window &window,
-                    GreyWork &grey_work) {
+                    const Segmentation &segmentation, const Window &window, GreyWork &grey_work) {
     const int count = window.count, middle = count / 2;
     double error = 0.0;
     for (int phase = 0; phase < PHASES; ++phase) {
