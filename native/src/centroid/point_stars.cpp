@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "centroid/misfit.h"
 #include "centroid/noise_fit.h"
 #include "centroid/shape.h"
 #include "maths/sorting.h"
@@ -13,13 +14,11 @@ namespace st {
 namespace {
 
 constexpr int ROUGH_ITERATIONS = 2;
-constexpr int MOST_SATURATED_PX =
-    24;                              // of the 5 x 5 around the peak: its flanks show where it is,
-constexpr int FEW_SATURATED_PX = 4;  // but each pixel more than these may have bloomed
+// Of the 5 x 5 around the peak: its flanks show where it is, but each pixel more than a few may
+// have bloomed.
+constexpr int MOST_SATURATED_PX = 24, FEW_SATURATED_PX = 4;
 constexpr double BLOOMING_PX = 0.02;
-constexpr double MISFIT = 3.0;  // sigma of chi-square from which on errors are inflated
-constexpr double MOST_DRIFT_PX =
-    1.5;  // a fit that ends further from its peak is of something else
+constexpr double MOST_DRIFT_PX = 1.5;  // of a fit: one that ends further away is of something else
 constexpr double SEPARATION_PX = 1.0;  // two closer fits are of one star
 constexpr int STAR = -1;               // beside the kinds of st_rejection
 
@@ -319,11 +318,6 @@ int fit_free_sigma(const Frame &frame, const Peak *peaks, int count, const Noise
         },
         work);
     return left;
-}
-
-double inflation(double chi2, int dof) {
-    const double ratio = chi2 / dof;
-    return ratio > 1 + MISFIT * std::sqrt(2.0 / dof) ? std::sqrt(ratio) : 1.0;
 }
 
 }  // namespace st

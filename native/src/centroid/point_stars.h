@@ -15,8 +15,8 @@
 namespace st {
 
 constexpr double EDGE_SIGMAS = 1.5;  // closest distance of a star to the edge, in PSF sigmas
-constexpr double FAINT = 0.85;  // of the threshold: the fit frees position and level too, so its
-                                // ratio of signal to noise is lower
+// Of the threshold: the fit frees position and level too, so its signal to noise is lower.
+constexpr double FAINT = 0.85;
 
 /// How points are measured: method, and the pixels of a star where that is not ST_GAUSSIAN.
 struct PointOptions {
@@ -47,8 +47,5 @@ struct FreeStar {
 /// saturated and have more than a lone pixel. Fill stars (count); return how many there are.
 int fit_free_sigma(const Frame &frame, const Peak *peaks, int count, const NoiseModel &noise,
                    double sigma_px, int iterations, FreeStar *stars, Arena &arena);
-
-/// Return the factor of an error: sqrt(chi2 / dof) for a misfit beyond chance, else 1.
-double inflation(double chi2, int dof);
 
 }  // namespace st

@@ -9,8 +9,7 @@ namespace st {
 namespace {
 
 constexpr double SEGMENT_SIGMAS = 3.0;  // noise of a pixel, above which it belongs to a star
-constexpr int PHASES =
-    32;  // positions of a star within its pixel over which its error is averaged
+constexpr int PHASES = 32;  // positions of a star in its pixel over which its error is averaged
 constexpr int STRIDE = 13;  // of a lattice with one point in each of 32 columns and 32 rows
 constexpr double CONVERGED = 1e-3;  // of the iterative threshold: share of the range
 constexpr int MOST_ITERATIONS = 30;
