@@ -497,7 +497,8 @@ ST_API st_status st_check_camera(const st_camera *camera, st_fault *fault);
 ST_API st_status st_project(const st_camera *camera, const double *direction, double *pixel,
                             size_t count);
 
-/* Pixels (count, 2) to unit vectors (count, 3); NaN outside the image circle of a fisheye. */
+/* Pixels (count, 2) to unit vectors (count, 3); NaN where no direction has such a pixel, as outside
+ * the image circle of a fisheye. */
 ST_API st_status st_unproject(const st_camera *camera, const double *pixel, double *direction,
                               size_t count);
 
@@ -509,6 +510,7 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
 
+/* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
 /* Whether a sky file is complete and of this library; fault names the number that is wrong. */
