@@ -11,6 +11,7 @@
 #include "centroid/psf_sigma.h"
 #include "centroid/spots.h"
 #include "centroid/streak_search.h"
+#include "centroid/streak_stars.h"
 #include "centroid/windowed_search.h"
 #include "maths/sorting.h"
 
@@ -26,7 +27,9 @@ constexpr double WIDE_FILTERS_PX[] = {2.5,
 constexpr double MISSHAPEN_SHARE = 0.5;      // if so many spots have another shape, for each star
 constexpr int LEAST_WHOLE = 4, MOST_WHOLE = 10;  // as many as were found have more flux, if whole
 constexpr double WHOLE_RATIO = 2.0;
-constexpr int SPARE_PEAKS = 2;            // peaks fitted per star wanted, as some will be rejected
+constexpr int SPARE_PEAKS = 2;  // peaks fitted per star wanted, as some will be rejected
+constexpr int MOST_COMPARED =
+    40;  // stars, the brightest, in the search for an error that all share
 constexpr double MISSED_SHARE = 0.1;      // misshapen spots for each star,
 constexpr double LEAST_MISSED = 2.0;      // and at least
 constexpr int SIGMA_IMAGES = 60;          // searched ones, for which a PSF sigma stays known
@@ -113,6 +116,24 @@ void replace(Extraction &found, const Extraction &others) {
 st_reason reason_of(st_reason_code code, double first = 0.0, double second = 0.0,
                     double third = 0.0) {
     return {code, 0, {first, second, third}};
+}
+
+/// Return the covariance px^2 of the error that the brightest stars share.
+Matrix2 common_error(const Frame &frame, double sigma_px, const Extraction &found, Arena &arena) {
+    StreakStar stars[MOST_COMPARED];
+    const int count = found.stars.count < MOST_COMPARED ? found.stars.count : MOST_COMPARED;
+    for (int i = 0; i < count; ++i) {
+        const st_centroid &one = found.stars[i];
+        const Place place{one.u_px, one.v_px};
+        stars[i] =
+            found.streaked ? streak_at(place, found.streak.at(place), sigma_px) : StreakStar{};
+        stars[i][U] = place.u;
+        stars[i][V] = place.v;
+        stars[i][FLUX] = one.flux_dn;
+        stars[i][SIGMA] = sigma_px;
+    }
+    return pointing_error(frame.image, frame.mesh, frame.full_scale_dn, stars, count,
+                          found.streaked, arena);
 }
 
 void set_none(Extraction &found, const st_reason &reason) {
@@ -291,7 +312,7 @@ void Extractor::search_near(const Image &image, const Place *places, const doubl
     }
     if (as_streaks) {
         measure_streaks(frame, places, count, *streak, searched.sigma_px, threshold_.sigmas,
-                        found.rejections, found.stars, arena);
+                        found.stars, found.rejections, arena);
         found.streak = *streak;
     } else {
         for (int i = 0; i < count; ++i) {
@@ -313,7 +334,10 @@ void Extractor::search_near(const Image &image, const Place *places, const doubl
 
 Frame Extractor::prepared(const Image &image, double filter_px, bool has_hits,
                           Arena &arena) const {
-    return prepare(image, filter_px, threshold_, limits_.peaks, has_hits, arena);
+    // Of an image that is smaller than that of the camera there are fewer.
+    const int most = most_peaks(image.width, image.height);
+    return prepare(image, filter_px, threshold_, most < limits_.peaks ? most : limits_.peaks,
+                   has_hits, arena);
 }
 
 /// Search the image anew without its contamination.
@@ -358,7 +382,7 @@ void Extractor::set_psf_sigma(Work &work, bool narrow) const {
         return;
     }
     const PsfSigma measured = measure_psf_sigma(work.frame, narrow, work.arena);
-    if (measured.certain) {
+    if (measured.is_certain) {
         work.known = {measured.sigma_px, 0};
     }
     work.sigma_px = work.known.sigma_px > 0 ? work.known.sigma_px : measured.sigma_px;
@@ -419,18 +443,20 @@ bool Extractor::other_shapes(Work &work, bool smeared, Extraction &found) const 
     Arena &arena = work.arena;
     List<st_centroid> spots = arena.list<st_centroid>(MOST_SPOTS);
     bool have_spots = false;
-    double width_px = 0.0;
-    if (smeared && estimate_streak(work.frame, FILTER_SIGMA_PX, found.streak, width_px, arena)) {
+    const FoundStreak shown =
+        smeared ? estimate_streak(work.frame, FILTER_SIGMA_PX, arena) : FoundStreak{};
+    if (shown.is_found) {
         const Arena::Scope scope(arena);
         find_spots(work.frame.image, CELL_SHARE, false, spots, arena);
         have_spots = true;
         Extraction others = empty_extraction(limits_, arena);
-        streaks(work.frame, found.streak, width_px, work.most, others, arena);
+        streaks(work.frame, shown.streak, shown.sigma_px, work.most, others, arena);
         if (others.stars.count > LEAST_ELONGATED && 2 * others.stars.count > found.stars.count &&
-            shows_streaks(spots, found.stars, others.stars, found.streak.length_px())) {
+            shows_streaks(spots, found.stars, others.stars, shown.streak.length_px())) {
             replace(found, others);
             found.streaked = true;
-            work.sigma_px = width_px;
+            found.streak = shown.streak;
+            work.sigma_px = shown.sigma_px;
             return false;
         }
     }
@@ -471,18 +497,19 @@ void Extractor::as_wide(Work &work, Extraction &found) const {
 void Extractor::streaks(const Frame &frame, const Streak &streak, double sigma_px, int most,
                         Extraction &found, Arena &arena) const {
     const Arena::Scope scope(arena);
-    List<Place> places = search_streaks(frame, streak, sigma_px, threshold_.sigmas, arena);
-    auto *good = arena.take<uint8_t>(static_cast<size_t>(places.count));
-    choose(places.item, places.count, frame.image.width, frame.image.height, SPARE_PEAKS * most,
-           CELL_SHARE, good);
+    auto *places = arena.take<Place>(MOST_STREAK_PEAKS);
+    auto *good = arena.take<uint8_t>(MOST_STREAK_PEAKS);
+    const int count = search_streaks(frame, streak, sigma_px, threshold_.sigmas, places, arena);
+    choose(places, count, frame.image.width, frame.image.height, SPARE_PEAKS * most, CELL_SHARE,
+           good);
     int chosen = 0;
-    for (int i = 0; i < places.count; ++i) {
+    for (int i = 0; i < count; ++i) {
         if (good[i] != 0) {
             places[chosen++] = places[i];
         }
     }
-    measure_streaks(frame, places.item, chosen, streak, sigma_px, threshold_.sigmas,
-                    found.rejections, found.stars, arena);
+    measure_streaks(frame, places, chosen, streak, sigma_px, threshold_.sigmas, found.stars,
+                    found.rejections, arena);
     found.streaked = true;
     found.streak = streak;
 }
@@ -494,8 +521,7 @@ void Extractor::finish(const Frame &frame, double sigma_px, int most, Extraction
     sort_by_flux(stars, arena);
     stars.count = stars.count < most ? stars.count : most;
     const double middle = (frame.image.height - 1) / 2.0;
-    const Matrix<2, 2> common =
-        pointing_error(frame, stars, sigma_px, found.streaked ? &found.streak : nullptr, arena);
+    const Matrix2 common = common_error(frame, sigma_px, found, arena);
     for (st_centroid &star : stars) {
         star.delay_s = line_time_s_ != 0.0 ? (star.v_px - middle) * line_time_s_ : 0.0;
         star.common_uu_px2 = common[0][0];
@@ -524,6 +550,7 @@ size_t work_bytes(int width, int height, const ExtractionLimits &limits) {
                          Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));
     // Frames: as it comes, cleaned, with a filter that matches, and with two wide ones.
     return 5 * frame + 4 * lists + Arena::padded<uint16_t>(size) + points_bytes(limits.peaks) +
+           streak_search_bytes(width, height) + streak_stars_bytes(MOST_STREAK_PEAKS) +
            3 * Arena::padded<Peak>(peaks) + 28 * size + (size_t{1} << 21);
 }
 

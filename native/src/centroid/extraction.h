@@ -126,7 +126,7 @@ private:
     void set_psf_sigma(Work &work, bool narrow) const;
     bool points(const Frame &frame, double sigma_px, int most, Extraction &found,
                 Arena &arena) const;
-    void other_shapes(Work &work, bool smeared, Extraction &found) const;
+    bool other_shapes(Work &work, bool smeared, Extraction &found) const;
     void as_wide(Work &work, Extraction &found) const;
     void streaks(const Frame &frame, const Streak &streak, double sigma_px, int most,
                  Extraction &found, Arena &arena) const;

@@ -197,7 +197,7 @@ const Extraction &ExtractionStage::predicted_near(int64_t stamp_ns, const Image 
             use_near = measure_near(image, expected, shown, arena);
         }
     }
-    return joined(image, use_near, expected, known, arena);
+    return joined(image, use_near, expected, arena);
 }
 
 ExtractionStage::Streaks ExtractionStage::streaks(const Expected &expected) const {
@@ -246,10 +246,9 @@ bool ExtractionStage::is_due(int64_t stamp_ns) const {
     return search_period_ns_ == 0 || !was_searched_ || age_ns < 0 || age_ns >= search_period_ns_;
 }
 
-/// Return the stars of the searched image; what was measured near the predictions stays. known is
-/// whether it was searched with the streak by the motion.
+/// Return the stars of the searched image; what was measured near the predictions stays.
 const Extraction &ExtractionStage::joined(const Image &image, bool use_near,
-                                          const Expected &expected, bool known, Arena &arena) {
+                                          const Expected &expected, Arena &arena) {
     if (use_near) {
         const int seen = expected.stars_seen(near_.stars);
         use_near =

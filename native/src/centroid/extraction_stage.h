@@ -77,7 +77,7 @@ private:
     bool has_stars(const Extraction &near, const Expected &expected) const;
     bool is_due(int64_t stamp_ns) const;
     const Extraction &joined(const Image &image, bool use_near, const Expected &expected,
-                             bool known, Arena &arena);
+                             Arena &arena);
     void learn(const Extraction &extraction, const Expected &expected);
     void learn_shown(const Shown &shown, const Expected &expected);
     void learn_exposure(const Shown &shown, const Expected &expected);

@@ -36,12 +36,10 @@ size_t StaleRows::bytes(int width, int height) {
 }
 
 void StaleRows::take_memory(int width, int height, Arena &arena) {
-    step_ = height / COMPARED > 1 ? height / COMPARED : 1;
-    rows_ = (height + step_ - 1) / step_;
-    columns_ = width < COMPARED_COLUMNS ? width : COMPARED_COLUMNS;
-    left_ = (width - columns_) / 2;
-    before_ = arena.take<uint16_t>(static_cast<size_t>(rows_ * columns_));
-    work_ = arena.take<uint16_t>(static_cast<size_t>(columns_));
+    const auto columns = static_cast<size_t>(width < COMPARED_COLUMNS ? width : COMPARED_COLUMNS);
+    const auto rows = static_cast<size_t>(height < 2 * COMPARED ? height : 2 * COMPARED);
+    before_ = arena.take<uint16_t>(rows * columns);
+    work_ = arena.take<uint16_t>(columns);
 }
 
 void StaleRows::reset() {
@@ -51,10 +49,17 @@ void StaleRows::reset() {
 
 RowRange StaleRows::find(const Image &image) {
     RowRange found{0, 0};
-    if (bits_ == image.bits) {
+    if (width_ == image.width && height_ == image.height && bits_ == image.bits) {
         found = compare(image);
+    } else {
+        width_ = image.width;
+        height_ = image.height;
+        bits_ = image.bits;
+        step_ = height_ / COMPARED > 1 ? height_ / COMPARED : 1;
+        rows_ = (height_ + step_ - 1) / step_;
+        columns_ = width_ < COMPARED_COLUMNS ? width_ : COMPARED_COLUMNS;
+        left_ = (width_ - columns_) / 2;
     }
-    bits_ = image.bits;
     for (int i = 0; i < rows_; ++i) {
         std::memcpy(before_ + i * columns_, image.row(i * step_) + left_,
                     sizeof(uint16_t) * static_cast<size_t>(columns_));

@@ -17,7 +17,7 @@ struct RowRange {
 
 class StaleRows {
 public:
-    /// Take memory for images of this size, which stays with it.
+    /// Take memory for images of this size and smaller ones, which stays with it.
     void take_memory(int width, int height, Arena &arena);
 
     static size_t bytes(int width, int height);
@@ -38,8 +38,8 @@ private:
     RowRange compare(const Image &image);
 
     bool vary_ = false;
-    // Some rows of the image before, the middle of them, as it was with these bits.
-    int bits_ = 0, step_ = 1, rows_ = 0, left_ = 0, columns_ = 0;
+    // The image before, and the middle of some of its rows.
+    int width_ = 0, height_ = 0, bits_ = 0, step_ = 1, rows_ = 0, left_ = 0, columns_ = 0;
     uint16_t *before_ = nullptr;
     uint16_t *work_ = nullptr;
 };
