@@ -132,5 +132,5 @@ $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 clean:
-	rm -rf .venv .venv-* build evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-* build startracker_ros/core/libstartracker.so evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

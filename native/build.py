@@ -28,18 +28,19 @@ LIBRARY = Path('startracker_ros', 'core', 'libstartracker.so')
 """In the package, beside native.py, which loads it."""
 
 # Contraction would change bits from one processor to the next.
-_FLAGS = ('-O2', '-fPIC', '-fvisibility=hidden', '-ffp-contract=off', '-fno-math-errno', '-Wall',
+_FLAGS = ('-O3', '-fPIC', '-fvisibility=hidden', '-ffp-contract=off', '-fno-math-errno', '-Wall',
           '-Wextra', '-Wconversion', '-Wshadow', '-I', f'{NATIVE}/include', '-I', f'{NATIVE}/src')
 _OF_SUFFIX = {'.c': ('-x', 'c', '-std=c11', '-D_GNU_SOURCE'),
               '.cpp': ('-std=c++20', '-fno-exceptions', '-fno-rtti')}
 # For developers: a later compiler may warn of more, which must not stop an install.
-_SANITIZED = ('-Werror', '-g', '-DST_NO_CLONES', '-fno-sanitize-recover=all')
-_SANITIZERS = ('-fsanitize=address,undefined',)
-# The wheel brings no runtime of AddressSanitizer: undefined behaviour ends the program.
-_SANITIZERS_OF_ZIG = ('-fsanitize=undefined', '-fsanitize-trap=undefined')
-# Without libstdc++ and libc++, of which nothing is needed: the library fits beside any other.
-_SHARED = {'g++': ('-shared', '-nodefaultlibs', '-lm', '-lc', '-lgcc'),
-           'clang++': ('-shared', '-nostdlib++', '-lm'), 'zig': ('-shared', '-nostdlib++', '-lm')}
+_DEVELOPED = ('-Werror', '-g', '-DST_NO_CLONES')
+_SANITIZERS = ('-fsanitize=address,undefined', '-fno-sanitize-recover=all')
+# The wheel of zig brings no runtime of AddressSanitizer: undefined behaviour ends the program.
+_TRAPS = ('-fsanitize=undefined', '-fsanitize-trap=undefined')
+# Without libstdc++ and libc++, of which nothing is needed: the library fits beside any other, and
+# zig need not compile libc++, 80 s of a processor. g++ knows -nostdlib++ from version 13 on.
+_LINKED = {'g++': ('-nodefaultlibs', '-lm', '-lc', '-lgcc'), 'clang++': ('-nostdlib++', '-lm'),
+           'zig': ('-nostdlib++', '-lm')}
 # The oldest processors that ROS 2 and NumPy run on.
 _PROCESSOR = {'x86_64': ('-march=x86-64-v2', '-mcpu=x86_64_v2'),
               'aarch64': ('-march=armv8-a', '-mcpu=generic')}
@@ -67,8 +68,8 @@ class Program(NamedTuple):
     """What is built: sources, flags of compiler and linker."""
 
     sources: tuple[Path, ...]
+    linked: tuple[str, ...]
     flags: tuple[str, ...] = ()
-    linked: tuple[str, ...] = ('-lm',)
 
 
 # --- what there is to build ---
@@ -80,22 +81,24 @@ def _core() -> tuple[Path, ...]:
 
 def library(compiler: Compiler) -> Program:
     """Return the library that is installed."""
-    return Program(_core(), linked=(*_SHARED[compiler.kind], '-s'))
+    return Program(_core(), ('-shared', '-s', *_LINKED[compiler.kind]))
 
 
 def library_for_tests(compiler: Compiler) -> Program:
     """Return the library with the functions of test/kernels.h."""
-    return Program((*_core(), NATIVE / 'test' / 'kernels.cpp'), linked=_SHARED[compiler.kind])
+    return Program((*_core(), NATIVE / 'test' / 'kernels.cpp'),
+                   ('-shared', *_LINKED[compiler.kind]))
 
 
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:
-    """Return a program of the tests, conformance or interface, with or without sanitizers."""
+    """Return a program of the tests, test/NAME.c, with or without sanitizers."""
     sources = (*_core(), *(NATIVE / 'test' / file for file in (
         f'{name}.c', 'json.c', 'kernels.cpp')))
     if not sanitized:
-        return Program(sources)
-    sanitizers = _SANITIZERS_OF_ZIG if compiler.kind == 'zig' else _SANITIZERS
-    return Program(sources, (*_SANITIZED, *sanitizers), (*sanitizers, '-lm'))
+        return Program(sources, _LINKED[compiler.kind])
+    if compiler.kind == 'zig':
+        return Program(sources, (*_TRAPS, *_LINKED['zig']), (*_DEVELOPED, *_TRAPS))
+    return Program(sources, (*_SANITIZERS, '-lm'), (*_DEVELOPED, *_SANITIZERS))
 
 
 # --- compilers ---

@@ -3,6 +3,10 @@
 
 // Versions, texts, and the options with their defaults and ranges.
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -33,8 +37,10 @@ bool same_abi(const st_abi &a, const st_abi &b) {
 /// Whether the processor has what the compiler was allowed to use (x86-64 psABI, table 3.1).
 bool has_instructions() {
 #if defined(__SSE4_2__)
-    return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("ssse3") &&
-           __builtin_cpu_supports("popcnt");
+    // Not by __builtin_cpu_supports, which with zig knows nothing in some programs.
+    unsigned eax = 0, ebx = 0, ecx = 0, edx = 0;
+    constexpr unsigned NEEDED = bit_SSSE3 | bit_SSE4_1 | bit_SSE4_2 | bit_POPCNT;
+    return __get_cpuid(1, &eax, &ebx, &ecx, &edx) != 0 && (ecx & NEEDED) == NEEDED;
 #else
     return true;
 #endif

@@ -144,6 +144,7 @@ def this_abi() -> np.ndarray:
 
 _POINTER, _COUNT, _STATUS, _TEXT = (
     ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_char_p)
+_STAMP, _FLAG = ctypes.c_int64, ctypes.c_int32
 FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_check_abi': (_STATUS, (_POINTER,)),
     'st_build_text': (_TEXT, ()),
@@ -153,7 +154,14 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_check_camera': (_STATUS, (_POINTER, _POINTER)),
     'st_project': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
     'st_unproject': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
-    'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT))}
+    'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
+    'st_size': (_STATUS, (_POINTER,) * 4),
+    'st_create': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
+    'st_reset': (_STATUS, (_POINTER,)),
+    'st_extract': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _STAMP, _FLAG,
+                             _POINTER)),
+    'st_centroids': (_POINTER, (_POINTER, _POINTER)),
+    'st_rejections': (_POINTER, (_POINTER, _POINTER))}
 """What each function returns and takes."""
 
 

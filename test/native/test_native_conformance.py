@@ -106,16 +106,28 @@ def test_outputs_by_ctypes(name, case):
 
 # --- the runner in C ---
 
+def run(name, *arguments, sanitized=False):
+    program = built(build_module().runner(name, compiler(), sanitized=sanitized),
+                    f'{name}{"-sanitized" * sanitized}')
+    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True,
+                          timeout=HANGS_S)
+
+
 @pytest.mark.parametrize('sanitized', [False, True], ids=['plain', 'sanitized'])
-def test_the_runner_finds_no_difference(sanitized):
+@pytest.mark.parametrize('name, arguments', [
+    ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1])])
+def test_the_runner_finds_nothing(name, arguments, sanitized):
     """Under sanitizers any error of memory, or undefined behaviour, ends the program."""
-    for name, arguments in (('conformance', [FOLDER]), ('interface', [])):
-        program = built(build_module().runner(name, compiler(), sanitized=sanitized),
-                        f'{name}{"-sanitized" * sanitized}')
-        done = subprocess.run([program, *arguments], capture_output=True, text=True,
-                              timeout=HANGS_S)
-        assert done.returncode == 0, done.stdout + done.stderr
-    assert '0 failures' in done.stdout
+    done = run(name, *arguments, sanitized=sanitized)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ' 0 differences' in done.stdout or ' 0 failures' in done.stdout
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('seed', [2, 3])
+def test_a_million_impossible_inputs(seed):
+    done = run('fuzz', 1_000_000, seed * 10 ** 9, sanitized=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_sanitizers_end_a_program_with_an_error(tmp_path):
@@ -135,16 +147,13 @@ def test_the_runner_names_each_difference(tmp_path):
     document['cases'][0]['output']['attitude_error_rad'][2] += 1e-6
     document['cases'][1]['output']['unknown'] = 1.0
     path.write_text(json.dumps(document))
-    program = built(build_module().runner('conformance', compiler()), 'conformance')
-    done = subprocess.run([program, tmp_path / 'corpus'], capture_output=True, text=True,
-                          timeout=HANGS_S)
+    done = run('conformance', tmp_path / 'corpus')
     assert done.returncode == 1
     assert 'rotation usual: attitude_error_rad differs' in done.stdout
     assert 'rotation zero: 11 of 12 outputs are compared' in done.stdout
     assert 'rotation: 5 cases, 55 outputs, 2 differences' in done.stdout
     path.write_text('{"cases": [')
-    done = subprocess.run([program, tmp_path / 'corpus'], capture_output=True, text=True,
-                          timeout=HANGS_S)
+    done = run('conformance', tmp_path / 'corpus')
     assert done.returncode == 2 and 'rotation.json: expected a value' in done.stderr
 
 

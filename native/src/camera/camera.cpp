@@ -3,6 +3,7 @@
 
 // Cameras of the C interface: what no camera can have is refused, and lists of pixels.
 
+#include <cfloat>
 #include <cmath>
 
 #include "camera/lens.h"
@@ -31,11 +32,11 @@ bool within(const char *name, double value, double least, double most, st_fault 
 }
 
 bool numbers_are_possible(const st_camera &camera, st_fault *fault) {
-    const double most = LARGEST_SIDE_PX, largest = 1e12;
+    const double most = LARGEST_SIDE_PX, largest = DBL_MAX;
     bool possible = within("width_px", camera.width_px, 1, most, fault) &&
                     within("height_px", camera.height_px, 1, most, fault) &&
-                    within("fx_px", camera.fx_px, 1e-9, largest, fault) &&
-                    within("fy_px", camera.fy_px, 1e-9, largest, fault) &&
+                    within("fx_px", camera.fx_px, DBL_MIN, largest, fault) &&
+                    within("fy_px", camera.fy_px, DBL_MIN, largest, fault) &&
                     within("cx_px", camera.cx_px, -most, camera.width_px + most, fault) &&
                     within("cy_px", camera.cy_px, -most, camera.height_px + most, fault) &&
                     within("model", camera.model, 0, ST_LENS_MODEL_COUNT - 1, fault);
@@ -80,7 +81,7 @@ bool image_does_not_fold(const Lens &lens, st_fault *fault) {
         if (!(error < LARGEST_ERROR && determinant > 0)) {
             // NaN where there is no inverse at all.
             return within("distortion, which folds the image over itself: determinant",
-                          error < LARGEST_ERROR ? determinant : NAN, 1e-300, INFINITY, fault);
+                          error < LARGEST_ERROR ? determinant : NAN, DBL_MIN, DBL_MAX, fault);
         }
     }
     return true;

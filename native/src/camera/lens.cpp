@@ -85,10 +85,12 @@ Point undistort(const Lens &lens, const Point &distorted) {
         return {scale * x, scale * y};
     }
     Point plane = distorted;
+    double error = lens.distorted ? INFINITY : 0.0;
     for (int step = 0; lens.distorted && step < MOST_NEWTON_STEPS; ++step) {
         const Point found = distort(lens.terms, plane);
         const double ex = found.x - x, ey = found.y - y;
-        if (std::fabs(ex) < EXACT && std::fabs(ey) < EXACT) {
+        error = std::fmax(std::fabs(ex), std::fabs(ey));
+        if (error < EXACT) {
             break;
         }
         const auto [xx, cross, yy] = distortion_jacobian(lens.terms, plane);
@@ -96,7 +98,8 @@ Point undistort(const Lens &lens, const Point &distorted) {
         plane.x -= (yy * ex - cross * ey) / determinant;
         plane.y -= (xx * ey - cross * ex) / determinant;
     }
-    return plane;
+    // Between the pixels that st_check_camera tries a wild lens may have no inverse.
+    return error < LARGEST_ERROR ? plane : Point{NAN, NAN};
 }
 
 Flow image_flow(const Lens &lens, const Point &plane) {

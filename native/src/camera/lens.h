@@ -113,7 +113,7 @@ inline Jacobian2 distortion_jacobian(const Terms &terms, const Point &plane) {
 }
 
 /// Return the inverse of distort(), by Newton's method; NaN where a pixel has no direction: beyond
-/// the farthest angle, outside the image circle of a fisheye.
+/// the farthest angle, outside the image circle of a fisheye, or where the method finds none.
 Point undistort(const Lens &lens, const Point &distorted);
 
 /// Return the pixel of undistorted coordinates; NaN beyond the farthest angle.

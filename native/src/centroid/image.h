@@ -32,6 +32,9 @@ struct Image {
     int size() const { return width * height; }
 };
 
+/// Copy count pixels of 8 bits.
+void widen_row(const uint8_t *row, int count, uint16_t *copy);
+
 /// A number for each pixel of an image, row after row without gaps.
 template <class T>
 struct Plane {

@@ -21,6 +21,13 @@ struct Rejections {
         spots.add({u, v, kind, 0});
     }
 
+    void clear() {
+        spots.clear();
+        for (int &one : by_kind) {
+            one = 0;
+        }
+    }
+
     /// Add all spots of another list.
     void include(const Rejections &other) {
         for (int kind = 0; kind < ST_REJECTED_COUNT; ++kind) {
