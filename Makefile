@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SOURCES := pyproject.toml setup.py setup.cfg package.xml MANIFEST.in $(shell \
 	find startracker_ros native config launch resource evaluation -not -name '*.so' -not -path '*/__pycache__*' -not -path '*.egg-info*' \
 	-not -path 'evaluation/build*')
-# Of the native core: pip finds no compiler but that of the environment or of the machine.
+# Of the native core: without isolation pip fetches none.
 WITH_COMPILER = [ -n "$$CXX" ] || $(1) native/build.py --find > /dev/null 2>&1 || { \
 	echo '== compiler: the machine has none; downloads ziglang, 100 MB'; \
 	$(1) -m pip install -q --disable-pip-version-check ziglang; }

@@ -151,15 +151,20 @@ def build(program: Program, target: Path, objects: Path, compiler: Compiler) -> 
     try:
         for folder in (target.parent, objects):
             folder.mkdir(parents=True, exist_ok=True)
-        parts, compiled = _compiled(program, objects, compiler)
-        _replace(target, [*compiler.command, *map(str, parts), *program.linked], compiler)
+        # The caches of zig are in the home folder, which may be read-only or nobody's.
+        environment = {**os.environ, 'LC_ALL': 'C', **dict.fromkeys(
+            ('ZIG_GLOBAL_CACHE_DIR', 'ZIG_LOCAL_CACHE_DIR'), str(objects.resolve() / 'zig'))}
+        parts, compiled = _compiled(program, objects, compiler, environment)
+        _replace(target, [*compiler.command, *map(str, parts), *program.linked], compiler,
+                 environment)
     except OSError as error:
         raise BuildError(f'{error.filename or target}: {error.strerror}') from error
     return (f'native core: {target.name}, {compiled} of {len(parts)} files compiled, '
             f'{time.monotonic() - begin_s:.1f} s, {compiler.text}')
 
 
-def _compiled(program: Program, objects: Path, compiler: Compiler) -> tuple[list[Path], int]:
+def _compiled(program: Program, objects: Path, compiler: Compiler,
+              environment: Mapping[str, str]) -> tuple[list[Path], int]:
     """Return the object files, and how many of them were compiled now."""
     headers = b''.join(path.read_bytes() for path in sorted(NATIVE.glob('**/*.h')))
     parts, missing = [], {}
@@ -172,8 +177,8 @@ def _compiled(program: Program, objects: Path, compiler: Compiler) -> tuple[list
         if not parts[-1].is_file():
             missing[parts[-1]] = command
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        running = {pool.submit(_replace, part, command, compiler): part
-                   for part, command in missing.items()}
+        running = [pool.submit(_replace, part, command, compiler, environment)
+                   for part, command in missing.items()]
         for number, done in enumerate(as_completed(running), 1):
             done.result()
             if sys.stderr.isatty():
@@ -182,13 +187,14 @@ def _compiled(program: Program, objects: Path, compiler: Compiler) -> tuple[list
     return parts, len(missing)
 
 
-def _replace(target: Path, command: Sequence[str], compiler: Compiler) -> None:
+def _replace(target: Path, command: Sequence[str], compiler: Compiler,
+             environment: Mapping[str, str]) -> None:
     """Run a compiler that writes a file, complete or not at all."""
     # In the same folder, so that it can be renamed.
     with tempfile.NamedTemporaryFile(dir=target.parent, prefix=target.stem, delete=False) as file:
         written = Path(file.name)
     try:
-        done = _run([*command, '-o', str(written)])
+        done = _run([*command, '-o', str(written)], environment)
         if done.returncode != 0 or not written.stat().st_size:
             raise BuildError(f'{compiler.text} fails: {_first_error(done.stderr)} '
                              f'({_FIRST_COMPILERS} or later are needed)')
@@ -198,11 +204,8 @@ def _replace(target: Path, command: Sequence[str], compiler: Compiler) -> None:
         written.unlink(missing_ok=True)
 
 
-def _run(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    # The caches of zig are in the home folder, which may be read-only or nobody's.
-    caches = Path(tempfile.gettempdir(), f'startracker-zig-{os.getuid()}')
-    environment = {'ZIG_GLOBAL_CACHE_DIR': f'{caches}', 'ZIG_LOCAL_CACHE_DIR': f'{caches}',
-                   **os.environ, 'LC_ALL': 'C'}
+def _run(command: Sequence[str], environment: Mapping[str, str] | None = None
+         ) -> subprocess.CompletedProcess[str]:
     try:
         return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, text=True,
                               capture_output=True)

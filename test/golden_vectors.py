@@ -28,16 +28,18 @@ from startracker_ros.core.attitude.estimate import (
 from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
 from startracker_ros.core.attitude.systematic_errors import lens_covariance, velocity_covariance
+from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
-from startracker_ros.core.maths.compiled_rotation import turn_matrix, turned
+from startracker_ros.core.maths.compiled_rotation import (
+    matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
     angle_between, ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_axes,
     quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude, rotate,
-    rotation_vector_from_quaternion)
+    rotation_vector_from_quaternion, sign_continuous)
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
@@ -89,7 +91,7 @@ def camera_inputs() -> Iterator[tuple[str, Values]]:
         yield name, {'camera': asdict(st.Camera(1024, 768, focal, focal * 1.001, 511.8, 383.1,
                                                 terms, model)),
                      'pixel': pixels if name != 'image_circle' else np.vstack(
-                         [pixels, [[511.8, 383.1], [0.0, 0.0]]])}
+                         [pixels, [[511.8, 383.1], [0.0, 0.0], [-0.6, 300.0], [1023.5, -0.5]]])}
 
 
 def camera_of(values: Values) -> st.Camera:
@@ -101,6 +103,8 @@ def camera_outputs(values: Values) -> Values:
     direction = camera.unproject(pixel)
     return {'direction': direction, 'projected_pixel': camera.project(direction),
             'flow_px_rad': image_jacobian(camera, direction),
+            'shown': [shows(camera.lens, *uv) for uv in pixel],
+            'quaternion_of_middle': camera.middle_axes,
             'corner_angle_rad': camera.corner_angle_rad}
 
 
@@ -127,7 +131,11 @@ def rotation_outputs(values: Values) -> Values:
     return {'quaternion_of_vector': step, 'quaternion_product': multiply(q, step),
             'quaternion_turned': after, 'vector_of_quaternion': rotation_vector_from_quaternion(
                 step), 'attitude_error_rad': attitude_error(after, q),
-            'matrix': matrix_from_quaternion(q),
+            'matrix': matrix_from_quaternion(q), 'matrix_of_vector': matrix_from_rotation_vector(
+                vector),
+            # Not named a quaternion, of which the sign would not count.
+            'sign_continuous': sign_continuous(after, -q),
+            'sensor_direction': sensor_directions(matrix_from_quaternion(q), z[None])[0],
             'quaternion_of_matrix': quaternion_from_matrix(matrix_from_quaternion(after)),
             'matrix_turned': turned_by_g, 'quaternion_of_axes': quaternion_from_axes(z, towards_y),
             'angle_rad': float(angle_between(z, near_z)),
@@ -465,15 +473,17 @@ STAGES = {
         'pixels to directions and back, by the distortion models of sensor_msgs/CameraInfo',
         camera_inputs, camera_outputs,
         {'direction': (0, 1e-12), 'projected_pixel': (0, 1e-8), 'flow_px_rad': (1e-10, 0),
+         'shown': EXACT, 'quaternion_of_middle': (0, 1e-12),
          'corner_angle_rad': (0, 1e-11)}),
     'rotation': Stage(
         'quaternions, rotation vectors and matrices of rotations',
         rotation_inputs, rotation_outputs,
         {**dict.fromkeys(('quaternion_of_vector', 'quaternion_product', 'quaternion_turned',
                           'vector_of_quaternion', 'attitude_error_rad', 'matrix',
+                          'matrix_of_vector', 'sensor_direction',
                           'quaternion_of_matrix', 'matrix_turned', 'quaternion_of_axes'),
                          (0, 1e-14)),
-         'angle_rad': (1e-9, 0), 'covariance_icrf': (1e-12, 0)}),
+         'sign_continuous': (0, 1e-14), 'angle_rad': (1e-9, 0), 'covariance_icrf': (1e-12, 0)}),
     'linear_algebra': Stage(
         'small symmetric matrices and gates of chi-square',
         algebra_inputs, algebra_outputs,

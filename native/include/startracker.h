@@ -464,13 +464,22 @@ typedef struct {
     int32_t reserved;
 } st_result;
 
-#define ST_ABI                                                                                    \
-    {                                                                                             \
-        ST_VERSION, sizeof(st_config), sizeof(st_camera), sizeof(st_image), sizeof(st_sky),       \
-            sizeof(st_observer), sizeof(st_hint), sizeof(st_centroid), sizeof(st_identified),     \
-            sizeof(st_star_track), sizeof(st_prediction), sizeof(st_rejected), sizeof(st_result), \
-            sizeof(st_attitude), sizeof(st_fault)                                                 \
-    }
+#define ST_ABI              \
+    {ST_VERSION,            \
+     sizeof(st_config),     \
+     sizeof(st_camera),     \
+     sizeof(st_image),      \
+     sizeof(st_sky),        \
+     sizeof(st_observer),   \
+     sizeof(st_hint),       \
+     sizeof(st_centroid),   \
+     sizeof(st_identified), \
+     sizeof(st_star_track), \
+     sizeof(st_prediction), \
+     sizeof(st_rejected),   \
+     sizeof(st_result),     \
+     sizeof(st_attitude),   \
+     sizeof(st_fault)}
 
 /* ---- functions ----------------------------------------------------------------------------- */
 

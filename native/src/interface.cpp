@@ -58,9 +58,9 @@ struct Option {
 };
 
 #define NUMBER(option, standard, least, most) \
-    { #option, offsetof(st_config, option), Kind::NUMBER, standard, least, most }
+    {#option, offsetof(st_config, option), Kind::NUMBER, standard, least, most}
 #define WHOLE(option, standard, least, most) \
-    { #option, offsetof(st_config, option), Kind::WHOLE, standard, least, most }
+    {#option, offsetof(st_config, option), Kind::WHOLE, standard, least, most}
 
 // Those of the Python classes of options, which a test compares with these.
 constexpr Option OPTIONS[] = {

@@ -126,18 +126,25 @@ static void camera_stage(conformance_case *one) {
     const st_camera camera = camera_of(one);
     const size_t count = input_count(one, "pixel");
     double direction[3 * MOST_PIXELS], pixel[2 * MOST_PIXELS], flow[6 * MOST_PIXELS];
+    double shown[MOST_PIXELS], middle[4];
     if (count > MOST_PIXELS) {
         fprintf(stderr, "%s %s: more than %d pixels\n", one->stage, one->name, MOST_PIXELS);
         exit(2);
     }
     expect_ok(one, "st_check_camera", st_check_camera(&camera, NULL));
-    expect_ok(one, "st_unproject",
-              st_unproject(&camera, input(one, "pixel", 2 * count), direction, count));
+    const double *given = input(one, "pixel", 2 * count);
+    expect_ok(one, "st_unproject", st_unproject(&camera, given, direction, count));
     expect_ok(one, "st_project", st_project(&camera, direction, pixel, count));
     expect_ok(one, "st_image_flow", st_image_flow(&camera, direction, flow, count));
     compare(one, "direction", direction, 3 * count);
     compare(one, "projected_pixel", pixel, 2 * count);
     compare(one, "flow_px_rad", flow, 6 * count);
+    for (size_t i = 0; i < count; ++i) {
+        shown[i] = stt_shows(&camera, given + 2 * i);
+    }
+    compare(one, "shown", shown, count);
+    stt_middle_axes(&camera, middle);
+    compare(one, "quaternion_of_middle", middle, 4);
     const double corner_rad = stt_corner_angle(&camera);
     compare(one, "corner_angle_rad", &corner_rad, 1);
 }
@@ -158,8 +165,17 @@ static void rotation_stage(conformance_case *one) {
     compare(one, "attitude_error_rad", found, 3);
     stt_matrix_from_quaternion(q, matrix);
     compare(one, "matrix", matrix, 9);
+    stt_sensor_direction(matrix, z, found);
+    compare(one, "sensor_direction", found, 3);
     stt_turn_matrix(matrix, input(one, "rodrigues", 3), found);
     compare(one, "matrix_turned", found, 9);
+    stt_matrix_from_rotation_vector(vector, found);
+    compare(one, "matrix_of_vector", found, 9);
+    for (int i = 0; i < 4; ++i) {
+        other[i] = -q[i];
+    }
+    stt_sign_continuous(after, other, found);
+    compare(one, "sign_continuous", found, 4);
     stt_matrix_from_quaternion(after, matrix);
     stt_quaternion_from_matrix(matrix, other);
     compare(one, "quaternion_of_matrix", other, 4);

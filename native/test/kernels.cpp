@@ -230,6 +230,18 @@ void stt_covariance_icrf(const double q[4], const double sensor[9], double icrf[
     into(icrf, covariance_icrf(from<Quaternion>(q), from<Matrix3>(sensor)));
 }
 
+void stt_matrix_from_rotation_vector(const double rotation[3], double matrix[9]) {
+    into(matrix, matrix_from_rotation_vector(from<Vector3>(rotation)));
+}
+
+void stt_sign_continuous(const double q[4], const double previous[4], double continuous[4]) {
+    into(continuous, sign_continuous(from<Quaternion>(q), from<Quaternion>(previous)));
+}
+
+void stt_sensor_direction(const double matrix[9], const double icrf[3], double sensor[3]) {
+    into(sensor, sensor_direction(from<Matrix3>(matrix), from<Vector3>(icrf)));
+}
+
 double stt_angle_between(const double a[3], const double b[3]) {
     return angle_between(from<Vector3>(a), from<Vector3>(b));
 }
@@ -261,6 +273,10 @@ double stt_gate(double probability, double dof) {
 
 double stt_corner_angle(const st_camera *camera) {
     return corner_angle(lens_of(*camera));
+}
+
+int32_t stt_shows(const st_camera *camera, const double pixel[2]) {
+    return shows(lens_of(*camera), from<Point>(pixel)) ? 1 : 0;
 }
 
 void stt_middle_axes(const st_camera *camera, double q[4]) {

@@ -25,6 +25,9 @@ ST_API void stt_turn_matrix(const double matrix[9], const double g[3], double af
 ST_API void stt_attitude_error(const double estimate[4], const double truth[4], double error[3]);
 ST_API void stt_quaternion_from_axes(const double z[3], const double towards_y[3], double q[4]);
 ST_API void stt_covariance_icrf(const double q[4], const double sensor[9], double icrf[9]);
+ST_API void stt_matrix_from_rotation_vector(const double rotation[3], double matrix[9]);
+ST_API void stt_sign_continuous(const double q[4], const double previous[4], double continuous[4]);
+ST_API void stt_sensor_direction(const double matrix[9], const double icrf[3], double sensor[3]);
 ST_API double stt_angle_between(const double a[3], const double b[3]);
 
 /* size is 3, 6 or 9; the first two are of the upper left 3 x 3 block. */
@@ -38,6 +41,7 @@ ST_API int32_t stt_cholesky(int32_t size, const double *symmetric, const double 
 ST_API double stt_gate(double probability, double dof);
 
 ST_API double stt_corner_angle(const st_camera *camera);
+ST_API int32_t stt_shows(const st_camera *camera, const double pixel[2]);
 ST_API void stt_middle_axes(const st_camera *camera, double q[4]);
 
 /* ---- fits of stars ------------------------------------------------------------------------- */

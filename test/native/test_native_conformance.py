@@ -51,6 +51,8 @@ def camera_outputs(values):
     return {'direction': direction, 'projected_pixel': of_list('st_project', camera, direction,
                                                                (2,)),
             'flow_px_rad': of_list('st_image_flow', camera, direction, (2, 3)),
+            'shown': [call('stt_shows', camera, uv) == 1 for uv in pixel],
+            'quaternion_of_middle': filled('stt_middle_axes', (4,), camera),
             'corner_angle_rad': call('stt_corner_angle', camera)}
 
 
@@ -69,6 +71,9 @@ def rotation_outputs(values):
             'stt_matrix_from_quaternion', (3, 3), after)),
         'matrix_turned': filled('stt_turn_matrix', (3, 3), matrix, value['rodrigues']),
         'quaternion_of_axes': filled('stt_quaternion_from_axes', (4,), z, value['towards_y']),
+        'matrix_of_vector': filled('stt_matrix_from_rotation_vector', (3, 3), vector),
+        'sign_continuous': filled('stt_sign_continuous', (4,), after, -q),
+        'sensor_direction': filled('stt_sensor_direction', (3,), matrix, z),
         'angle_rad': call('stt_angle_between', z, value['near_z']),
         'covariance_icrf': filled('stt_covariance_icrf', (3, 3), q, value['covariance_sensor'])}
 
@@ -150,8 +155,8 @@ def test_the_runner_names_each_difference(tmp_path):
     done = run('conformance', tmp_path / 'corpus')
     assert done.returncode == 1
     assert 'rotation usual: attitude_error_rad differs' in done.stdout
-    assert 'rotation zero: 11 of 12 outputs are compared' in done.stdout
-    assert 'rotation: 5 cases, 55 outputs, 2 differences' in done.stdout
+    assert 'rotation zero: 14 of 15 outputs are compared' in done.stdout
+    assert 'rotation: 5 cases, 70 outputs, 2 differences' in done.stdout
     path.write_text('{"cases": [')
     done = run('conformance', tmp_path / 'corpus')
     assert done.returncode == 2 and 'rotation.json: expected a value' in done.stderr

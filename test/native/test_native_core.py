@@ -40,13 +40,26 @@ def assertions():
 def test_each_field_of_the_binding_is_that_of_the_header(tmp_path):
     source = tmp_path / 'layout.c'
     source.write_text('\n'.join(['#include "startracker.h"', *assertions()]))
-    done = subprocess.run(
-        [*compiler().command, '-x', 'c', '-std=c11', '-c', '-I',
-         str(ROOT / 'native' / 'include'), str(source), '-o', str(tmp_path / 'layout.o')],
-        capture_output=True, text=True, timeout=HANGS_S)
-    assert done.returncode == 0, done.stderr
+    compile_alone(source, 'c', '-std=c11')
     assert set(native.STRUCTS) == set(re.findall(r'^} (st_\w+);', HEADER, re.M)) - set(
         re.findall(r'^typedef enum {.*?} (st_\w+);', HEADER, re.M | re.S))
+
+
+def compile_alone(source, language, *options):
+    done = subprocess.run(
+        [*compiler().command, '-x', language, *options, '-Wall', '-Wextra', '-pedantic', '-Werror',
+         '-c', '-I', str(ROOT / 'native' / 'include'), str(source), '-o', f'{source}.o'],
+        capture_output=True, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('language, standard', [('c', 'c99'), ('c++', 'c++11')])
+def test_the_header_stands_alone_with_what_is_planned(tmp_path, language, standard):
+    """In the languages of flight software, older than those the core is written in."""
+    source = tmp_path / 'alone'
+    source.write_text('#define ST_PLANNED\n#include "startracker.h"\nst_result result;\n'
+                      'st_abi abi = ST_ABI;\n')
+    compile_alone(source, language, f'-std={standard}')
 
 
 def test_functions_are_those_of_the_header_and_none_that_is_planned_can_be_called():

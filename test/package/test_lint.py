@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import sysconfig
 
 from limits import HANGS_S
 import pytest
@@ -47,6 +48,14 @@ def test_nothing_is_found(linter):
                           stderr=subprocess.STDOUT, text=True, timeout=HANGS_S)
     found = [line for line in done.stdout.splitlines() if not line.startswith('checking ')]
     assert done.returncode == 0, '\n'.join(found)
+
+
+def test_sources_of_the_native_core_are_formatted():
+    files = [path for kind in ('c', 'cpp', 'h') for path in (ROOT / 'native').rglob(f'*.{kind}')]
+    done = subprocess.run(
+        [Path(sysconfig.get_path('scripts'), 'clang-format'), '--dry-run', '-Werror', *files],
+        stderr=subprocess.PIPE, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
 
 
 def test_every_source_begins_with_its_copyright_and_licence():
