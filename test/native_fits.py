@@ -4,8 +4,11 @@
 """Fits of the native core for tests: images whose stars are known, and the functions by ctypes."""
 
 import ctypes
+from hashlib import sha256
+from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 from native_core import kernels
 import numpy as np
 from scipy.special import ndtr
@@ -36,6 +39,14 @@ REJECTED = np.dtype([('u', float), ('v', float), ('kind', np.int32), ('reserved'
 KINDS = ('edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide', 'not_fitted',
          'faint', 'not_streaked', 'disc', 'line')
 METHODS = ('gaussian', 'binary', 'grey', 'squared', 'thresholded')
+SEGMENTATION = {'gaussian': (0.0, False, 1.0), 'binary': (40.0, False, 1.0),
+                'grey': (0.0, False, 1.05), 'squared': (0.0, False, 1.0),
+                'thresholded': (0.0, True, 1.0)}
+FITS = ((4, 2), (4, 12), (5, 4))  # free parameters and iterations
+RECORD = Path(__file__).parent / 'native' / 'fits.npz'
+PHOTOGRAPHS = {
+    'photograph of 11 deg': 'night-sky-11deg/2019-07-29T204726_Alt60_Azi45_Try1.png',
+    'photograph of 6 deg': 'night-sky-6deg/img0.png'}
 
 
 class Field(NamedTuple):
@@ -171,8 +182,8 @@ def fit_streak(uv, streak_px, weight, shape) -> np.ndarray:
 
 
 def joined(one, other) -> np.ndarray:
-    streak = np.zeros(5)
-    kernels().stt_joined(_of(np.array(one, float)), _of(np.array(other, float)), _of(streak))
+    both, streak = np.array([one, other], float), np.zeros(5)
+    kernels().stt_joined(_of(both[0]), _of(both[1]), _of(streak))
     return streak
 
 
@@ -188,10 +199,9 @@ def estimate_streak(field, start_px=1.0) -> np.ndarray:
 
 def search_streaks(field, streak, sigma_px, threshold_sigmas=5.5) -> np.ndarray:
     """Return the peaks (K, 2) after the filter of a streak."""
-    places = np.zeros((1000, 2))
+    places, motion = np.zeros((1000, 2)), np.array(streak, float)
     return places[:kernels().stt_search_streaks(
-        ctypes.byref(field.native), _of(np.array(streak, float)), sigma_px, threshold_sigmas,
-        _of(places))]
+        ctypes.byref(field.native), _of(motion), sigma_px, threshold_sigmas, _of(places))]
 
 
 def measure_streaks(field, uv, streak, sigma_px, threshold_sigmas=5.5) -> Measured:
@@ -262,7 +272,8 @@ def image_of(sky: Sky, seed: int) -> np.ndarray:
 
 
 SKIES = {
-    'narrow': Sky(0.5), 'points': Sky(), 'wide': Sky(2.2, 25), 'defocused': Sky(4.5, 8),
+    'narrow': Sky(0.5), 'points': Sky(), 'wide': Sky(2.2, 25),
+    'defocused': Sky(4.5, 8),
     'many': Sky(stars=120), 'pairs': Sky(stars=60, pairs=20), '8 bit': Sky(bits=8),
     'few photons': Sky(gain_dn=8.0), 'saturated': Sky(brightest=5.8, stars=25),
     'hits': Sky(hits=40), 'faint': Sky(faintest=2.2, brightest=3.0),
@@ -279,3 +290,30 @@ SKIES = {
     'tails': Sky(path=((0.0, 0.0, 0.6), *((0.5 * k, 0.0, 0.05) for k in range(1, 9))), stars=15,
                  faintest=3.6),
 }
+
+
+def cases() -> dict[str, tuple[np.ndarray, int, tuple[float, ...] | None]]:
+    """Return by name the image (H, W) uint16, its bits, and the streak if its stars have one."""
+    found = {}
+    for seed, (name, sky) in enumerate(SKIES.items()):
+        middle = (sky.side_px - 1) / 2
+        known = (*sky.streak, middle, middle) if any(sky.streak) else None
+        found[name] = image_of(sky, seed), sky.bits, known
+    for name, file in PHOTOGRAPHS.items():
+        image = cv2.imread(str(Path(__file__).parent / 'data' / file), cv2.IMREAD_UNCHANGED)
+        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        part = np.ascontiguousarray(grey[:640, :640].astype(np.uint16))
+        found[name] = part, 8 * grey.dtype.itemsize, None
+    return found
+
+
+def digest_of(image: np.ndarray) -> np.ndarray:
+    """Return a digest (32,) of the pixels, by which a record knows its image."""
+    return np.frombuffer(sha256(image.tobytes()).digest(), np.uint8)
+
+
+def field_of(image: np.ndarray, record: dict[str, np.ndarray]) -> Field:
+    """Return what the fits see of an image, with background and peaks of its record."""
+    level, noise, across, down, sigma_px, full_scale_dn = record['numbers'].tolist()
+    return Field(image, record['level'], record['noise'], (level, noise), (across, down),
+                 sigma_px, full_scale_dn, record['peaks'])

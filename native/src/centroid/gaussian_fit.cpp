@@ -126,7 +126,7 @@ void add_neighbour(const Star &star, FitWork &work) {
     profile(star[V], star[SIGMA], window.top, window.count, work.other_rows);
     for (int y = 0; y < window.count; ++y) {
         const float flux = static_cast<float>(star[FLUX]) * work.other_rows.share[y];
-        float *line = work.neighbours + y * window.filled;
+        float *line = work.neighbours + window.row(y);
         for (int x = 0; x < window.filled; x += LANES) {
             store(line + x, load(line + x) + flux * load(work.other_columns.share + x));
         }

@@ -33,7 +33,8 @@ void NoiseFit::add(int i, const Fit<4> &fit, const FitWork &work) {
     const Window &window = work.window;
     const Star &star = fit.star;
     const Matrix<4, 4> &C = fit.covariance;
-    float *square = square_ + stars_ * area_, *flux = flux_ + stars_ * area_;
+    const ptrdiff_t first = static_cast<ptrdiff_t>(stars_) * area_;
+    float *square = square_ + first, *flux = flux_ + first;
     star_[stars_++] = {i, static_cast<float>(window.variance)};
     for (int y = 0; y < window.count; ++y) {
         // h = w J C J^T is the share of a pixel's noise that the fit absorbs, J = (F d a_u, F d_v a,

@@ -17,9 +17,10 @@ constexpr double FAINTEST = 1.0 / 3, CONFIRMED_SIGMAS = 3.0;
 constexpr int REACH_PX = 10;  // beyond the ends of a streak
 constexpr int MOST_REACH_PX = 24, MOST_SIZE = 2 * MOST_REACH_PX + 1;
 // Of the stars: a kick may exchange the brighter and the fainter part for some.
-constexpr double QUANTILE = 0.65;
+constexpr int QUANTILE_PERCENT = 65;
 constexpr double SMOOTHING_PX = 0.8;
-constexpr int TAPS = 5;
+constexpr double LOWEST = -1e300;  // before the first value
+constexpr int TAPS = 5, MIDDLE_TAP = 2;
 // Standard deviations of the noise: some images in a thousand have it by chance.
 constexpr double SIGNIFICANT = 7.0;
 constexpr double EXCESS_SIGMAS = 4.0;  // the same of a pixel, if it also exceeds
@@ -27,8 +28,9 @@ constexpr double EXCESS_SHARE = 0.2;   // of the most significant one
 constexpr double UNCERTAIN = 0.15;
 constexpr double MODEL_ERROR = 0.015;  // of a star's flux, by which a Gaussian may be wrong
 
+/// Return how many of the largest values there are from the quantile on, its rank rounded.
 constexpr int kept_of(int stars) {
-    return stars - static_cast<int>(QUANTILE * (stars - 1) + 0.5);
+    return stars - (QUANTILE_PERCENT * (stars - 1) + 50) / 100;
 }
 
 constexpr int MOST_KEPT = kept_of(MOST_STARS);
@@ -105,7 +107,7 @@ void add_left(const Image &image, const Mesh &mesh, const StreakStar &star, bool
 void smooth(int size, Work &work) {
     double weight[TAPS], total = 0.0;
     for (int k = 0; k < TAPS; ++k) {
-        const double z = (k - TAPS / 2) / SMOOTHING_PX;
+        const double z = (k - MIDDLE_TAP) / SMOOTHING_PX;
         weight[k] = std::exp(-0.5 * (z * z));
         total += weight[k];
     }
@@ -117,7 +119,7 @@ void smooth(int size, Work &work) {
     const double *left = work.left.value;
     double *half = work.half.value, *full = work.smooth.value;
     for (int k = 0; k < TAPS; ++k) {
-        const int shift = k - TAPS / 2;
+        const int shift = k - MIDDLE_TAP;
         for (int y = shift < 0 ? -shift : 0; y < size && y + shift < size; ++y) {
             for (int x = 0; x < size; ++x) {
                 half[y * size + x] += weight[k] * left[(y + shift) * size + x];
@@ -126,7 +128,7 @@ void smooth(int size, Work &work) {
     }
     for (int y = 0; y < size; ++y) {
         for (int k = 0; k < TAPS; ++k) {
-            const int shift = k - TAPS / 2;
+            const int shift = k - MIDDLE_TAP;
             for (int x = shift < 0 ? -shift : 0; x < size && x + shift < size; ++x) {
                 full[y * size + x] += weight[k] * half[y * size + x + shift];
             }
@@ -140,7 +142,7 @@ double odd_part(const Image &image, const Mesh &mesh, const StreakStar *stars, c
     const int size = 2 * reach + 1, area = size * size, kept = kept_of(count);
     for (int k = 0; k < kept; ++k) {
         for (int d = 0; d < area; ++d) {
-            work.largest[k].value[d] = -INFINITY;
+            work.largest[k].value[d] = LOWEST;
         }
     }
     for (int i = 0; i < count; ++i) {

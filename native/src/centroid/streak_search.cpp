@@ -130,6 +130,10 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
     const auto size = static_cast<size_t>(width) * static_cast<size_t>(height);
     const Plane<float> smooth{arena.take<float>(size), width, height};
     const Plane<int32_t> number{arena.take<int32_t>(size), width, height};
+    Spots spots;
+    if (number.value == nullptr) {
+        return spots;
+    }
     above_background(frame, smooth, arena);
     blur(smooth, SMOOTHING_PX, arena);
     const double noise = frame.noise_dn() / (2 * std::sqrt(M_PI) * SMOOTHING_PX);
@@ -137,7 +141,6 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
     for (int k = 0; k < smooth.size(); ++k) {
         number.value[k] = smooth.value[k] > threshold ? 1 : 0;
     }
-    Spots spots;
     const int count = connect(number, arena);
     if (count > MOST_NUMBERS) {
         return spots;
@@ -204,6 +207,7 @@ struct StreakKernel {
 
     int columns() const { return 2 * across + 1; }
     int rows() const { return 2 * down + 1; }
+    float *row(int y) const { return weight + static_cast<ptrdiff_t>(y) * columns(); }
 };
 
 int reach_of(double streak_px, double sigma_px) {
@@ -217,7 +221,7 @@ StreakKernel kernel_of(const Streak &streak, double sigma_px, Arena &arena) {
     kernel.across = reach_of(streak.u_px, sigma_px);
     kernel.down = reach_of(streak.v_px, sigma_px);
     const int rows = kernel.rows(), columns = kernel.columns();
-    kernel.weight = arena.take<float>(static_cast<size_t>(rows * columns));
+    kernel.weight = arena.take<float>(static_cast<size_t>(rows) * static_cast<size_t>(columns));
     kernel.first = arena.take<int>(static_cast<size_t>(rows));
     kernel.end = arena.take<int>(static_cast<size_t>(rows));
     StreakStar star = streak_at({0.0, 0.0}, {streak.u_px, streak.v_px}, sigma_px);
@@ -225,7 +229,7 @@ StreakKernel kernel_of(const Streak &streak, double sigma_px, Arena &arena) {
     const double least = LEAST_WEIGHT * shape.share_at(0.0, 0.0);
     double energy = 0.0;
     for (int y = 0; y < rows; ++y) {
-        float *row = kernel.weight + y * columns;
+        float *row = kernel.row(y);
         kernel.first[y] = columns;
         kernel.end[y] = 0;
         for (int x = 0; x < columns; ++x) {
@@ -251,17 +255,17 @@ void filter_row(const StreakKernel &kernel, const float *const *line, int width,
         // So many sums that none waits for the one before.
         Lanes a{}, b{}, c{}, d{}, e{}, f{}, g{}, h{};
         for (int y = 0; y < kernel.rows(); ++y) {
-            const float *row = kernel.weight + y * kernel.columns(), *from = line[y] + x;
+            const float *row = kernel.row(y), *from = line[y] + x;
             for (int k = kernel.first[y]; k < kernel.end[y]; ++k) {
                 const Lanes weight = all_of(row[k]);
-                a += weight * load(from + k);
-                b += weight * load(from + k + LANES);
-                c += weight * load(from + k + 2 * LANES);
-                d += weight * load(from + k + 3 * LANES);
-                e += weight * load(from + k + 4 * LANES);
-                f += weight * load(from + k + 5 * LANES);
-                g += weight * load(from + k + 6 * LANES);
-                h += weight * load(from + k + 7 * LANES);
+                a += weight * load(&from[k]);
+                b += weight * load(&from[k + LANES]);
+                c += weight * load(&from[k + 2 * LANES]);
+                d += weight * load(&from[k + 3 * LANES]);
+                e += weight * load(&from[k + 4 * LANES]);
+                f += weight * load(&from[k + 5 * LANES]);
+                g += weight * load(&from[k + 6 * LANES]);
+                h += weight * load(&from[k + 7 * LANES]);
             }
         }
         const Lanes sums[BLOCK / LANES] = {a, b, c, d, e, f, g, h};
@@ -278,10 +282,13 @@ void filter(const Plane<float> &plane, const StreakKernel &kernel, Arena &arena)
     const auto length = static_cast<size_t>(extended);
     auto *lines = arena.take<float>(length * static_cast<size_t>(kept));
     auto **line = arena.take<const float *>(static_cast<size_t>(kept));
+    const auto line_of = [=](int v) {
+        return lines + static_cast<ptrdiff_t>(v % kept) * extended;
+    };
     for (int below = 0; below < height + kernel.down; ++below) {
         if (below < height) {
             const float *row = plane.row(below);
-            float *extension = lines + below % kept * extended;
+            float *extension = line_of(below);
             for (int x = 0; x < extended; ++x) {
                 const int u = x - kernel.across;
                 extension[x] = row[0 <= u && u < width ? u : mirrored(u, width)];
@@ -290,7 +297,7 @@ void filter(const Plane<float> &plane, const StreakKernel &kernel, Arena &arena)
         const int v = below - kernel.down;
         if (v >= 0) {
             for (int y = 0; y < kept; ++y) {
-                line[y] = lines + mirrored(v + y - kernel.down, height) % kept * extended;
+                line[y] = line_of(mirrored(v + y - kernel.down, height));
             }
             filter_row(kernel, line, width, plane.row(v));
         }
@@ -439,6 +446,10 @@ int search_streaks(const Frame &frame, const Streak &streak, double sigma_px,
         arena.take<float>(static_cast<size_t>(width) * static_cast<size_t>(height)), width,
         height};
     auto *peaks = arena.take<FluxPeak>(MOST_STREAK_PEAKS);
+    // No row or column is mirrored in itself.
+    if (peaks == nullptr || width < 2 || height < 2) {
+        return 0;
+    }
     above_background(frame, flux, arena);
     filter(flux, kernel_of(streak, sigma_px, arena), arena);
     const double noise = noise_of(flux, arena);

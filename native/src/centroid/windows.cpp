@@ -55,7 +55,7 @@ void cut_window(const Frame &frame, const Peak &peak, int radius, Window &window
         across[x] = slope.across * (x - radius);
     }
     for (int y = 0; y < count; ++y) {
-        float *data = window.data + y * filled, *used = window.used + y * filled;
+        float *data = window.data + window.row(y), *used = window.used + window.row(y);
         const bool inside = first_y <= y && y < end_y;
         for (int x = 0; x < filled; x += LANES) {
             if (!inside || x < first_x || x + LANES > end_x) {

@@ -35,6 +35,8 @@ struct Window {
     alignas(16) float used[MOST_AREA_PX];
 
     int area() const { return count * filled; }
+    /// Where row y of data, used or another array of the window begins.
+    ptrdiff_t row(int y) const { return static_cast<ptrdiff_t>(y) * filled; }
     int pixels_used() const;
 };
 
