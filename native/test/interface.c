@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "startracker.h"
@@ -104,6 +105,65 @@ static void lists(void) {
     CHECK(st_project(&camera, back, pixel, 0) == ST_OK && pixel[0] == 7);
 }
 
+/* A tracker that extracts, in memory of the size that it needs. */
+static void trackers(void) {
+    static unsigned char pixels[100 * 130 * 2 + 1];
+    const st_camera camera = {130, 100, 900, 900, 64.5, 49.5, {0}, ST_PLUMB_BOB, 0};
+    st_image image = {pixels, 260, 130, 100, ST_GREY16, 1};
+    st_prediction prediction = {50, 50, 0, 0, 0.1, 7, 0};
+    st_extraction found;
+    st_config config;
+    st_fault fault;
+    st_tracker *tracker = NULL;
+    size_t bytes = 0, count = 7;
+    st_defaults(&config, &ABI);
+    CHECK(st_size(&config, &camera, NULL, &bytes) == ST_NO_STAGE);
+    config.stages = ST_EXTRACTS;
+    CHECK(st_size(&config, &camera, NULL, NULL) == ST_NULL_POINTER);
+    CHECK(st_size(&config, &camera, NULL, &bytes) == ST_OK && bytes % 64 == 0);
+    unsigned char *block = aligned_alloc(64, bytes + 64);
+    CHECK(st_create(NULL, bytes, &config, &camera, NULL, &tracker, &fault) == ST_NULL_POINTER);
+    CHECK(st_create(block + 8, bytes, &config, &camera, NULL, &tracker, &fault) == ST_MISALIGNED);
+    CHECK(st_create(block, bytes - 1, &config, &camera, NULL, &tracker, &fault) ==
+          ST_TOO_LITTLE_MEMORY);
+    config.extraction.max_stars = 0;
+    CHECK(st_create(block, bytes, &config, &camera, NULL, &tracker, &fault) == ST_OUT_OF_RANGE);
+    CHECK(strcmp(fault.name, "extraction.max_stars") == 0);
+    config.extraction.max_stars = 40;
+    CHECK(tracker == NULL);
+    CHECK(st_create(block, bytes, &config, &camera, NULL, &tracker, &fault) == ST_OK);
+    memset(pixels, 5, sizeof pixels);
+    CHECK(st_extract(tracker, 1, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.reason.code == ST_REASON_BLANK && found.reason.figure[0] == 0x505);
+    CHECK(isnan(found.background_dn) && found.centroids == 0);
+    CHECK(st_centroids(tracker, &count) != NULL && count == 0);
+    CHECK(st_extract(NULL, 1, &image, NULL, 0, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, NULL, NULL, 0, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, &image, NULL, 1, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, &image, NULL, 0, 0, 1, NULL) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, -1, &image, NULL, 0, 0, 1, &found) == ST_BAD_INPUT);
+    CHECK(st_extract(tracker, 2, &image, &prediction, 5000, 1, 1, &found) == ST_TOO_MANY);
+    CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_OK);
+    prediction.sigma_px = NAN;
+    CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_BAD_INPUT);
+    image.stride_bytes = 259;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.stride_bytes = 258;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.stride_bytes = 260;
+    image.pixels = pixels + 1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.type = ST_GREY8;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    image.cell = 2;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.cell = 0;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    CHECK(st_reset(NULL) == ST_NULL_POINTER && st_reset(tracker) == ST_OK);
+    CHECK(st_centroids(NULL, &count) == NULL && st_rejections(NULL, &count) == NULL);
+    free(block);
+}
+
 static void texts(void) {
     for (int status = 0; status <= ST_STATUS_COUNT; ++status) {
         CHECK(strlen(st_status_text((st_status)status)) > 1);
@@ -116,6 +176,7 @@ int main(void) {
     options();
     cameras();
     lists();
+    trackers();
     texts();
     printf("interface: %d failures\n", failures);
     return failures != 0;
