@@ -1,16 +1,21 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Extraction of stars by the native core, and images for it."""
+"""
+Extraction of stars by the native core, images for it, and what Python found in them.
+
+python test/native_extraction.py records the latter.
+"""
 
 import ctypes
 from typing import NamedTuple
 
-from native_core import kernels
+from native_core import kernels, ROOT
 import numpy as np
 from scipy.special import erf
 from startracker_ros.core import native
-from startracker_ros.core.centroid.extraction import ExtractionOptions
+from startracker_ros.core.centroid.extraction import (
+    CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.stages.extraction import SearchOptions
 
@@ -20,23 +25,73 @@ REASONS = {0: 'ok', 100: 'too_small', 101: 'blank', 102: 'saturated', 103: 'too_
            104: 'no_stars', 105: 'no_stars', 106: 'torn', 107: 'repeated', 108: 'repeated',
            109: 'readout', 110: 'streak'}
 ALIGNMENT = 64
+NEAR = 0.02
+RECORDED = ROOT / 'test' / 'golden' / 'extraction.npz'
 
 
 class Found(NamedTuple):
-    """What st_extract() found: its struct, the centroids and the rejected spots."""
+    """
+    What was found in an image, by the native core or by Python.
 
-    extraction: np.ndarray
-    centroids: np.ndarray
+    rejected (11,) counts the spots left out by KINDS; figures (5,) are background and noise in DN,
+    PSF sigma in px and the limits of the exposure in s; streak (3,) is u, v px and roll, NaN for
+    points; centroids (N,) are of native.CENTROID.
+    """
+
+    status: str
     rejected: np.ndarray
+    figures: np.ndarray
+    streak: np.ndarray
+    centroids: np.ndarray
+    windowed: bool = False
 
-    @property
-    def status(self) -> str:
-        return REASONS[int(self.extraction['reason']['code'])]
+    @classmethod
+    def by_python(cls, extraction: Extraction, windowed: bool = False) -> 'Found':
+        stars = extraction.centroids
+        table = np.zeros(len(stars), native.CENTROID)
+        table['u_px'], table['v_px'] = stars.uv.T
+        for name, column in (('flux_dn', 'flux'), ('snr', 'snr'), ('sigma_px', 'sigma_px'),
+                             ('delay_s', 'delay_s')):
+            table[name] = getattr(stars, column)
+        for axes, (i, j) in (('uu', (0, 0)), ('uv', (0, 1)), ('vv', (1, 1))):
+            table[f'cov_{axes}_px2'] = stars.covariance[:, i, j]
+            table[f'common_{axes}_px2'] = stars.common[:, i, j]
+        return cls(extraction.status, np.array([extraction.rejected.get(kind, 0)
+                                                for kind in KINDS]),
+                   np.array([extraction.background_dn, extraction.noise_dn,
+                             extraction.psf_sigma_px, *stars.exposure_s]),
+                   np.full(3, np.nan) if extraction.streak is None
+                   else np.array(extraction.streak[:3]), table, windowed)
 
-    @property
-    def counts(self) -> dict[str, int]:
-        counts = self.extraction['rejected_by_kind'].tolist()
-        return {kind: count for kind, count in zip(KINDS, counts) if count}
+    @classmethod
+    def by_core(cls, extraction: np.ndarray, centroids: np.ndarray) -> 'Found':
+        figures = ('background_dn', 'noise_dn', 'psf_sigma_px', 'exposure_least_s',
+                   'exposure_most_s')
+        return cls(REASONS[int(extraction['reason']['code'])], extraction['rejected_by_kind'],
+                   np.array([extraction[name] for name in figures]),
+                   np.array([extraction[f'streak_{name}'] for name in (
+                       'u_px', 'v_px', 'roll_rad')]), centroids, bool(extraction['windowed']))
+
+
+def assert_same(found: Found, expected: Found) -> None:
+    """
+    Assert that both found the same.
+
+    The filtered image is float32. Numba rounds a product and its sum once, the core each, so that
+    the noise, in steps of 1/256 DN, may come out a step away; that is 1 % after a wide filter.
+    """
+    assert found.status == expected.status
+    assert found.windowed == expected.windowed
+    assert dict(zip(KINDS, found.rejected)) == dict(zip(KINDS, expected.rejected))
+    assert len(found.centroids) == len(expected.centroids)
+    np.testing.assert_allclose(found.figures, expected.figures, rtol=NEAR)
+    np.testing.assert_allclose(found.streak, expected.streak, rtol=NEAR, atol=1e-6)
+    for name in native.CENTROID.names:
+        one, other = found.centroids[name], expected.centroids[name]
+        if name in ('u_px', 'v_px'):
+            assert (np.abs(one - other) <= NEAR * expected.centroids['sigma_px']).all(), name
+        else:
+            np.testing.assert_allclose(one, other, rtol=2 * NEAR, atol=1e-7, err_msg=name)
 
 
 def config_of(options: ExtractionOptions = ExtractionOptions(),
@@ -118,8 +173,9 @@ class NativeTracker:
             self.handle, stamp_ns, struct.ctypes.data, predictions.ctypes.data, count,
             0 if predicted is None else predicted.stamp_ns, lost, extraction.ctypes.data)
         assert status == 0, status
-        return Found(extraction, self._list('st_centroids', native.CENTROID),
-                     self._list('st_rejections', native.REJECTED))
+        assert int(extraction['rejected_listed']) == len(
+            self._list('st_rejections', native.REJECTED))
+        return Found.by_core(extraction, self._list('st_centroids', native.CENTROID))
 
     def _list(self, name: str, kind: np.dtype) -> np.ndarray:
         count = ctypes.c_size_t()
@@ -217,3 +273,29 @@ def images() -> dict[str, np.ndarray]:
                for k in range(6))
     found['coma'] = exposed(coma, rng)
     return found
+
+
+# --- what Python found in them ---
+
+
+def record() -> None:
+    """Write what Python finds in the images."""
+    columns = {}
+    for name, image in images().items():
+        found = Found.by_python(CentroidExtractor().measure(image))
+        columns.update({f'{name}/{field}': np.asarray(getattr(found, field))
+                        for field in Found._fields})
+    np.savez_compressed(RECORDED, **columns)
+
+
+def recorded() -> dict[str, Found]:
+    """Return what Python found in each of the images."""
+    with np.load(RECORDED) as columns:
+        names = dict.fromkeys(name.partition('/')[0] for name in columns)
+        return {name: Found(*(columns[f'{name}/{field}'] if columns[f'{name}/{field}'].ndim
+                              else columns[f'{name}/{field}'].item() for field in Found._fields))
+                for name in names}
+
+
+if __name__ == '__main__':
+    record()
