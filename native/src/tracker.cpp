@@ -56,8 +56,8 @@ Bytes bytes_of(const st_config &config, int width, int height) {
     return {Arena::padded<st_tracker>(1) + stage_bytes(config, width, height) +
                 Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
                 Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected)),
-            work_bytes(width, height, limits) + 8 * Arena::padded<Place>(predictions) +
-                Arena::padded<uint16_t>(pixels)};
+            Arena::padded<std::byte>(work_bytes(width, height, limits)) +
+                8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels)};
 }
 
 /// Whether a tracker of these options and camera is possible.

@@ -121,7 +121,7 @@ public:
             if (drifted(star, peaks_[chosen_[i]]) || is_duplicate(i, neighbours)) {
                 kind = ST_REJECTED_NOT_FITTED;
             } else if (significance(fit_[i]) < FAINT * options.threshold_sigmas ||
-                       !std::isfinite(measured_[i].u)) {
+                       !std::isfinite(measured_[i].u) || !(measured_[i].error_px > 0)) {
                 kind = ST_REJECTED_FAINT;
             }
         }

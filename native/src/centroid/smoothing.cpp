@@ -12,7 +12,7 @@ namespace {
 
 /// Return the share of the weights that can be written as means of two neighbours.
 double share_of_pairs(const Kernel &kernel) {
-    double rest[MOST_WEIGHTS], share = 0.0;
+    double rest[MOST_WEIGHTS] = {}, share = 0.0;
     for (int k = 0; k <= kernel.radius; ++k) {
         rest[k] = kernel.weights[k];
     }
