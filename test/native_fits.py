@@ -13,21 +13,23 @@ from native_core import kernels
 import numpy as np
 from scipy.special import ndtr
 
-D, P, I = ctypes.c_double, ctypes.c_void_p, ctypes.c_int32
+_REAL, _POINTER, _WHOLE = ctypes.c_double, ctypes.c_void_p, ctypes.c_int32
 
 
 class _Frame(ctypes.Structure):
-    _fields_ = [*((name, P) for name in ('pixel', 'level', 'noise', 'peak')),
-                *((name, D) for name in ('median_level', 'median_noise', 'tiles_down',
-                                         'tiles_across', 'filter_sigma_px', 'full_scale_dn')),
-                *((name, I) for name in ('width', 'height', 'tile_rows', 'tile_columns', 'peaks',
-                                         'reserved'))]
+    _fields_ = [
+        *((name, _POINTER) for name in ('pixel', 'level', 'noise', 'peak')),
+        *((name, _REAL) for name in (
+            'median_level', 'median_noise', 'tiles_down', 'tiles_across', 'filter_sigma_px',
+            'full_scale_dn')),
+        *((name, _WHOLE) for name in (
+            'width', 'height', 'tile_rows', 'tile_columns', 'peaks', 'reserved'))]
 
 
 class _Windows(ctypes.Structure):
-    _fields_ = [*((name, I) for name in ('count', 'side', 'free', 'iterations')),
-                ('gain_dn', D), ('model_error', D),
-                *((name, P) for name in (
+    _fields_ = [*((name, _WHOLE) for name in ('count', 'side', 'free', 'iterations')),
+                ('gain_dn', _REAL), ('model_error', _REAL),
+                *((name, _POINTER) for name in (
                     'data', 'used', 'corner', 'variance', 'star', 'covariance', 'chi2', 'dof',
                     'model', 'own', 'weight', 'shape', 'noise'))]
 
@@ -244,7 +246,7 @@ class Sky(NamedTuple):
 
 
 def image_of(sky: Sky, seed: int) -> np.ndarray:
-    """Return an image (H, W) uint16 of a sky: Gaussians over pixels, slope, photons, read noise."""
+    """Return an image (H, W) uint16 of a sky, with a slope, photons and read noise."""
     rng, side = np.random.default_rng(seed), sky.side_px
     uv = rng.uniform(-2, side + 2, (sky.stars, 2))
     for pair in range(sky.pairs):

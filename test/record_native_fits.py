@@ -11,7 +11,7 @@ import native_fits
 from native_fits import METHODS, RECORD, SEGMENTATION
 import numpy as np
 from startracker_ros.core.centroid import shape
-from startracker_ros.core.centroid.background import readable
+from startracker_ros.core.centroid.background import over_image, readable
 from startracker_ros.core.centroid.detection import Threshold
 from startracker_ros.core.centroid.frame import prepare
 from startracker_ros.core.centroid.gaussian_fit import fit_stars
@@ -26,7 +26,6 @@ from startracker_ros.core.centroid.streak_fit import (
     fit_streaks, flux_at, photon_gain, Pixels, streaks_at)
 from startracker_ros.core.centroid.streak_search import (
     _pixels, estimate_streak, measure_streaks, search_streaks)
-from startracker_ros.core.centroid.background import over_image
 from startracker_ros.core.centroid.windows import cut_windows, initial_stars
 
 

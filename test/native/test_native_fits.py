@@ -11,7 +11,8 @@ themselves or of their errors, and those of streaks, which sum in float64, to 1e
 from functools import cache
 
 import native_fits
-from native_fits import cases, field_of, Field, FITS, KINDS, METHODS, RECORD, SEGMENTATION, Windows
+from native_fits import (
+    cases, Field, field_of, FITS, KINDS, METHODS, RECORD, SEGMENTATION, Windows)
 import numpy as np
 import pytest
 

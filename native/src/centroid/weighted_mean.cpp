@@ -53,10 +53,10 @@ Expected expected(st_centroid_method method, double grey, double sigma, double t
         return {0.0, 0.0};
     }
     const double above = 0.5 * std::erfc(a * std::sqrt(0.5));
-    const double density = std::exp(-0.5 * a * a) / std::sqrt(2 * M_PI);
     if (method == ST_BINARY) {
         return {above, above};
     }
+    const double density = std::exp(-0.5 * a * a) / std::sqrt(2 * M_PI);
     // Moments of a standard normal distribution over z > a; grey is m + s z.
     const double second = above + a * density, third = (a * a + 2) * density;
     const double fourth = 3 * above + (a * a + 3) * a * density;
@@ -98,14 +98,14 @@ double square_error_at(st_centroid_method method, const NoiseModel &noise, doubl
     }
     across /= total;
     down /= total;
-    double error = (across - u) * (across - u) + (down - v) * (down - v);
+    double noise_sum = 0.0;
     for (int y = 0; y < count; ++y) {
         for (int x = 0; x < count; ++x) {
-            error += grey_work.variance[y * count + x] *
-                     ((x - across) * (x - across) + (y - down) * (y - down)) / (total * total);
+            noise_sum += grey_work.variance[y * count + x] *
+                         ((x - across) * (x - across) + (y - down) * (y - down));
         }
     }
-    return error;
+    return (across - u) * (across - u) + (down - v) * (down - v) + noise_sum / (total * total);
 }
 
 /// Return the mean square error per axis in px^2 of a star, averaged over PHASES.
