@@ -156,7 +156,8 @@ class NativeTracker:
     def is_intact(self) -> bool:
         """Whether nothing was written beyond the memory that was given."""
         end = self._first + self.bytes
-        return bool((self._block[:self._first] == 0xA5).all() and (self._block[end:] == 0xA5).all())
+        return all((beyond == 0xA5).all() for beyond in (
+            self._block[:self._first], self._block[end:]))
 
     def extract(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True, cell: int = 1

@@ -200,8 +200,8 @@ static int tracker_round(void) {
                    image.width_px, image.height_px, (int)status, found.centroids, found.rejected,
                    (int)found.reason.code);
             for (size_t k = 0; k < stars; ++k) {
-                printf("%g %g px, %g DN, %g, %g px\n", star[k].u_px, star[k].v_px,
-                       star[k].flux_dn, star[k].snr, star[k].sigma_px);
+                printf("%g %g px, %g DN, %g, %g px\n", star[k].u_px, star[k].v_px, star[k].flux_dn,
+                       star[k].snr, star[k].sigma_px);
             }
         }
         stamp_ns += one_of(20) * 10000000;

@@ -6,7 +6,7 @@
 from functools import cache
 
 import cv2
-from native_core import built, build_module, compiler, ROOT
+from native_core import build_module, built, compiler, ROOT
 from native_extraction import assert_same, Found, images, NativeTracker, recorded
 import numpy as np
 import pytest
