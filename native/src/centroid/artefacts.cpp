@@ -8,6 +8,7 @@
 
 #include "centroid/connected.h"
 #include "centroid/hits.h"
+#include "maths/clones.h"
 
 namespace st {
 namespace {
@@ -25,80 +26,91 @@ struct Box {
     bool is_large() const { return right - left >= LARGE_PX || bottom - top >= LARGE_PX; }
 };
 
+ST_CLONES void set_bright(const uint16_t *__restrict row, const float *__restrict level,
+                          float above, int count, int32_t *__restrict bright) {
+    for (int u = 0; u < count; ++u) {
+        bright[u] = static_cast<float>(row[u]) > level[u] + above ? 1 : 0;
+    }
+}
+
+ST_CLONES void join(const uint8_t *__restrict from, int count, uint8_t *__restrict to) {
+    for (int u = 0; u < count; ++u) {
+        to[u] |= from[u];
+    }
+}
+
 /// Number the connected bright pixels of an image; return how many spots there are.
 int connect_bright(const Image &image, const Mesh &mesh, double noise_dn,
                    const Plane<int32_t> &spot, Arena &arena) {
     const Arena::Scope scope(arena);
     auto *line = arena.take<float>(static_cast<size_t>(image.width));
     OverImage level(mesh, mesh.level, image.width, image.height, arena);
-    const auto above = static_cast<float>(LARGE_SIGMAS * noise_dn);
     for (int v = 0; v < image.height; ++v) {
         level.fill(v, line);
-        for (int u = 0; u < image.width; ++u) {
-            spot.at(u, v) = static_cast<float>(image.row(v)[u]) > line[u] + above ? 1 : 0;
-        }
+        set_bright(image.row(v), line, static_cast<float>(LARGE_SIGMAS * noise_dn), image.width,
+                   spot.row(v));
     }
     return connect(spot, arena);
 }
 
-/// Replace the numbers of large spots by 1, of others by 0; return whether there is a large one.
-bool keep_large(const Plane<int32_t> &spot, int count, Arena &arena) {
+/// Fill mask with 1 for the pixels of large spots, else 0; return whether there is a large one.
+bool mark_large(const Plane<int32_t> &spot, int count, const Plane<uint8_t> &mask, Arena &arena) {
     const Arena::Scope scope(arena);
     auto *boxes = arena.take<Box>(static_cast<size_t>(count) + 1);
+    auto *large = arena.take<uint8_t>(static_cast<size_t>(count) + 1);
     for (int i = 0; i <= count; ++i) {
         boxes[i] = {spot.width, 0, spot.height, 0};
     }
     for (int v = 0; v < spot.height; ++v) {
+        const int32_t *row = spot.row(v);
         for (int u = 0; u < spot.width; ++u) {
-            Box &box = boxes[spot.at(u, v)];
+            if (row[u] == 0) {
+                continue;
+            }
+            Box &box = boxes[row[u]];
             box.left = u < box.left ? u : box.left;
+            while (u + 1 < spot.width && row[u + 1] != 0) {
+                ++u;  // of the same spot
+            }
             box.right = u > box.right ? u : box.right;
             box.top = v < box.top ? v : box.top;
-            box.bottom = v > box.bottom ? v : box.bottom;
+            box.bottom = v;
         }
     }
     bool any = false;
+    large[0] = 0;
     for (int i = 1; i <= count; ++i) {
+        large[i] = boxes[i].is_large() ? 1 : 0;
         any |= boxes[i].is_large();
     }
     for (int k = 0; k < spot.size(); ++k) {
-        const int number = spot.value[k];
-        spot.value[k] = number != 0 && boxes[number].is_large() ? 1 : 0;
+        mask.value[k] = large[spot.value[k]];
     }
     return any;
 }
 
-/// Fill mask with 1 within MARGIN_PX of a pixel that is not 0, along both axes; return how many.
-int64_t widen(const Plane<int32_t> &large, const Plane<uint8_t> &mask) {
-    // Along the rows, in place; then down the columns.
-    for (int v = 0; v < large.height; ++v) {
-        int32_t *row = large.row(v);
-        int last = -1;  // pixel of something large
-        for (int u = 0; u < large.width; ++u) {
-            if (row[u] == 1) {
-                for (int x = u - MARGIN_PX > last ? u - MARGIN_PX : last + 1; x < u; ++x) {
-                    if (x >= 0) {
-                        row[x] = 2;
-                    }
-                }
-                last = u;
-            } else if (last >= 0 && u - last <= MARGIN_PX) {
-                row[u] = 2;
-            }
+/// Fill wide with 1 within MARGIN_PX of a pixel of mask, along both axes; return how many these
+/// are. What was in mask is lost.
+int64_t widen(const Plane<uint8_t> &mask, const Plane<uint8_t> &wide, Arena &arena) {
+    const Arena::Scope scope(arena);
+    const auto width = static_cast<size_t>(mask.width);
+    auto *line = arena.take<uint8_t>(width + 2 * MARGIN_PX);
+    std::memset(line, 0, width + 2 * MARGIN_PX);
+    for (int v = 0; v < mask.height; ++v) {
+        std::memcpy(line + MARGIN_PX, mask.row(v), width);
+        for (int k = 0; k <= 2 * MARGIN_PX; ++k) {
+            join(line + k, mask.width, mask.row(v));
         }
     }
     int64_t count = 0;
-    for (int v = 0; v < large.height; ++v) {
-        uint8_t *row = mask.row(v);
-        std::memset(row, 0, static_cast<size_t>(large.width));
-        for (int y = v - MARGIN_PX; y <= v + MARGIN_PX; ++y) {
-            if (y >= 0 && y < large.height) {
-                for (int u = 0; u < large.width; ++u) {
-                    row[u] = large.row(y)[u] != 0 ? 1 : row[u];
-                }
-            }
+    for (int v = 0; v < mask.height; ++v) {
+        uint8_t *row = wide.row(v);
+        std::memset(row, 0, width);
+        const int first = v - MARGIN_PX > 0 ? v - MARGIN_PX : 0;
+        for (int y = first; y <= v + MARGIN_PX && y < mask.height; ++y) {
+            join(mask.row(y), mask.width, row);
         }
-        for (int u = 0; u < large.width; ++u) {
+        for (int u = 0; u < mask.width; ++u) {
             count += row[u];
         }
     }
@@ -112,11 +124,10 @@ void remove_large(const Image &image, uint16_t *clean, const Mesh &mesh, double 
     const auto size = static_cast<size_t>(image.size());
     const Plane<int32_t> spot{arena.take<int32_t>(size), image.width, image.height};
     const int count = connect_bright(image, mesh, noise_dn, spot, arena);
-    if (!keep_large(spot, count, arena)) {
-        return;
-    }
     const Plane<uint8_t> mask{arena.take<uint8_t>(size), image.width, image.height};
-    if (static_cast<double>(widen(spot, mask)) > MOST_SHARE * image.size()) {
+    const Plane<uint8_t> wide{arena.take<uint8_t>(size), image.width, image.height};
+    if (!mark_large(spot, count, mask, arena) ||
+        static_cast<double>(widen(mask, wide, arena)) > MOST_SHARE * image.size()) {
         return;
     }
     auto *line = arena.take<float>(static_cast<size_t>(image.width));
@@ -124,7 +135,7 @@ void remove_large(const Image &image, uint16_t *clean, const Mesh &mesh, double 
     for (int v = 0; v < image.height; ++v) {
         level.fill(v, line);
         for (int u = 0; u < image.width; ++u) {
-            if (mask.at(u, v) != 0) {
+            if (wide.at(u, v) != 0) {
                 const float value = std::nearbyint(line[u]);
                 clean[v * image.stride + u] = static_cast<uint16_t>(value < 0.0f       ? 0.0f
                                                                     : value < 65535.0f ? value
