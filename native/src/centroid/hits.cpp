@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "centroid/psf.h"
+#include "centroid/windows.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -16,7 +17,6 @@ constexpr double NARROWEST = 0.7;  // star, in PSF sigmas of the median one
 constexpr double LEAST_SIGMA_PX = 0.2;
 constexpr int PHASES = 11;  // of a star within its pixel, along each axis
 constexpr double MARGIN_SIGMAS = 2.0;
-constexpr double LONE_PIXEL = 0.3;  // less flux than this share of a pixel in the eight around it
 constexpr int STORM_PEAKS = 30;  // single pixels among the peaks, from which on hits are removed
 constexpr int BRIGHT_PEAKS = 100;
 constexpr double DARK_SHARE =

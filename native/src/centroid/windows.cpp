@@ -10,8 +10,6 @@
 namespace st {
 namespace {
 
-constexpr double LONE_PIXEL = 0.3;  // less flux than this share of a pixel in the eight around it
-
 int greater_of(int a, int b) {
     return a > b ? a : b;
 }

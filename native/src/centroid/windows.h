@@ -17,6 +17,7 @@
 namespace st {
 
 constexpr int CORE_RADIUS_PX = 2;
+constexpr double LONE_PIXEL = 0.3;  // less flux than this share of a pixel in the eight around it
 constexpr double RADIUS_SIGMAS = 3.5;
 constexpr int LEAST_RADIUS_PX = 3, MOST_RADIUS_PX = 30;
 constexpr int MOST_SIDE_PX = 2 * MOST_RADIUS_PX + 1;
