@@ -12,7 +12,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
 from startracker_ros.core.attitude.error_budget import ErrorBudget, NO_ERROR
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, rate_text
-from startracker_ros.core.attitude.result import pointing_covariance
+from startracker_ros.core.attitude.result import pointing_covariance, WRONG_SIGMAS
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
@@ -28,7 +28,8 @@ from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
     by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED_LIGHT, Motion,
-    predicted, restarted, SIZE, started, state_of, SUDDEN, updated, with_measured)
+    of_vibration, predicted, restarted, SIZE, started, state_of, SUDDEN, tail_sigmas,
+    updated, with_measured)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
@@ -67,6 +68,9 @@ STAMP_ERRS = 0.02  # probability that what looks like a jump is a stamp that err
 DISPLACED_FRAMES = 4
 """Frames after a jump in which the rate of before means that they, or those before, are displaced:
 no body jumps and goes on as before, but images of another time do."""
+
+ACROSS = 0.03  # of a jump: the same across it, as the direction is not certain
+UNSEEN = 0.02  # share of the light of a star that is elsewhere and does not show
 
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
@@ -362,12 +366,16 @@ class AttitudeModel(StarModel):
         if jumps or doubt > 2 * MISSED_LIGHT:
             moved = rotation_between(
                 state_of(hypothesis.motion).quaternion, self._state.quaternion)
-            self._covariance[:3, :3] += lacking(own, moved, doubt)
+            self._covariance[:3, :3] += lacking(
+                own, moved, ACROSS * _across(moved, before.rate), doubt)
             if jumps:
                 self._jump = _Jump(before.rate, moved, DISPLACED_FRAMES)
         if displaced is not None:
-            self._covariance[:3, :3] += lacking(own, displaced.moved, 1.0)
+            self._covariance[:3, :3] += lacking(own, displaced.moved, 0.0, 1.0)
             self._jump = displaced.later()
+        if self._jump is not None:
+            self._covariance[:3, :3] += _unseen(
+                self._jump, float(self._motion.share[SUDDEN].sum()))
         if frame.delay_s.any():
             spread_s = math.sqrt(np.mean(frame.delay_s ** 2))
             change = self._state.rate - before.rate
@@ -434,7 +442,7 @@ class AttitudeModel(StarModel):
         least = least_variances(motion.weight, motion.mean, motion.covariance)
         least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
                                     motion.covariance)[3:]
-        self._covariance = self._state.covariance[:6, :6].copy()
+        self._covariance = self._state.covariance[:6, :6] + of_vibration(motion)
         np.fill_diagonal(self._covariance, np.maximum(np.diag(self._covariance), least))
 
     def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
@@ -572,6 +580,24 @@ def _with_turns(motion: Motion, error: np.ndarray) -> Motion:
     covariance = motion.covariance.copy()
     covariance[:, :3, :3] += error
     return motion._replace(covariance=covariance)
+
+
+def _unseen(jump: _Jump, share: float) -> np.ndarray:
+    """
+    Return the covariance (3, 3) of a jump at the very beginning or end of an exposure.
+
+    Of a body that jumps in a share of the frames.
+    """
+    tail = tail_sigmas(share * UNSEEN, MISSED_LIGHT)
+    size = UNSEEN * _across(jump.moved, jump.rate)
+    sigma = size / (WRONG_SIGMAS - tail) if tail else 0.0
+    return sigma ** 2 * np.eye(3)
+
+
+def _across(moved: np.ndarray, rate: np.ndarray) -> float:
+    """Return the size of a turn (3,) across a rate (3,): along it an error of time turns."""
+    along = rate / max(float(np.linalg.norm(rate)), 1e-12)
+    return float(np.linalg.norm(np.cross(moved, along)))
 
 
 def _acceleration_of(motion: Motion) -> np.ndarray:

@@ -68,6 +68,9 @@ SWING_MEMORY = 0.93  # of the sums of the fit of w
 FASTEST = -1.0  # 2 cos(w dt): three frames in a period
 SIGNIFICANT_ENERGY = 200.0  # of a swing, over the variance of the noise; that of noise: 55
 FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
+SEEN_UNEVENLY = 0.05
+"""Of the amplitude of a vibration: what the fit of a star that it moves within the exposure is off
+by, 1 sigma."""
 MISSED = 4e-5
 """Probability that the attitude is beyond WRONG_SIGMAS by an improbable mode."""
 
@@ -484,13 +487,41 @@ def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
 
 
 @compiled
-def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np.ndarray:
+def of_vibration(motion: Motion) -> np.ndarray:
+    """
+    Return the covariance (6, 6) of turn and rate that a vibration adds, zero without.
+
+    A swing of w with fewer than four frames in a period is a vibration, within each exposure, with
+    A = sum mu (r r^T + a a^T / w^2) / w^2 the square of its amplitude, from the rate r less its
+    mean and the acceleration a of each mode. The frames do not tell its frequency w from
+    2 pi / dt - w, at which the body turns the other way: rates that differ by 2 pi / dt sqrt(A).
+    """
+    added, swing = np.zeros((6, 6)), motion.swing
+    w2 = swing[W2]
+    if math.sqrt(w2) * motion.interval_s < math.pi / 2:
+        return added
+    for j in range(len(motion.weight)):
+        if KIND[j] == SWING:
+            rate, acceleration = motion.mean[j, 3:6] - swing[CENTRE], motion.mean[j, 6:9]
+            for i in range(3):
+                for k in range(3):
+                    added[i, k] += motion.weight[j] / w2 * (
+                        rate[i] * rate[k] + acceleration[i] * acceleration[k] / w2)
+    added[3:, 3:] = added[:3, :3] * ((2 * math.pi / motion.interval_s) ** 2 / 2)
+    added[:3, :3] *= SEEN_UNEVENLY ** 2
+    return added
+
+
+@compiled
+def lacking(covariance: np.ndarray, error: np.ndarray, across: float, probability: float
+            ) -> np.ndarray:
     """
     Return what a covariance (3, 3) lacks for an error (3,) that is possible, zero for nothing.
 
     With the probability of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
     probability MISSED_LIGHT: within c of WRONG_SIGMAS, as of tail_sigmas(). As much of the square
-    of the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman, Morrison).
+    of the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman, Morrison),
+    and for every axis as much as an error of the size across needs there.
     """
     nothing = np.zeros((3, 3))
     tail = tail_sigmas(probability, MISSED_LIGHT)
@@ -500,7 +531,8 @@ def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np
     distance2 = error @ (inverse(covariance) @ error)
     if distance2 <= most * most:
         return nothing
-    return np.outer(error, error) * (1 / (most * most) - 1 / distance2)
+    added = 1 / (most * most) - 1 / distance2
+    return added * (np.outer(error, error) + across ** 2 * np.eye(3))
 
 
 @compiled

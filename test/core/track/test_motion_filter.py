@@ -186,10 +186,13 @@ def test_the_sigma_of_an_axis_covers_improbable_modes():
 
 def test_what_a_covariance_lacks_makes_an_error_as_probable_as_it_is():
     P, error = np.diag([1.0, 4.0, 9.0]), np.array([20.0, 1.0, 2.0])
-    more = lacking(P, error, 0.02)
+    more = lacking(P, error, 0.0, 0.02)
     distance2 = error @ np.linalg.solve(P + more, error)
     assert np.sqrt(distance2) == pytest.approx(WRONG_SIGMAS - tail_sigmas(0.02, 1e-3))
-    assert not lacking(P, error, 1e-3).any() and not lacking(P, 0.01 * error, 0.5).any()
+    # The direction of the error is not certain.
+    across = lacking(P, error, 2.0, 0.02)
+    np.testing.assert_allclose(np.linalg.eigvalsh(across - more), across[0, 1] / 5, rtol=1e-6)
+    assert not lacking(P, error, 0.0, 1e-3).any() and not lacking(P, 0.01 * error, 0.0, 0.5).any()
 
 
 def test_a_motion_is_not_changed_by_a_step():
