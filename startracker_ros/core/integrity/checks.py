@@ -14,10 +14,12 @@ from functools import cached_property
 import math
 from typing import Literal
 
+from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.maths.gates import gate
 
 Action = Literal['star not used', 'frame not used', 'rates not used', 'hint not used',
-                 'next hypothesis', 'other stars', 'wider covariance', 'restart', 'no attitude']
+                 'next hypothesis', 'other stars', 'wider covariance', 'larger bound', 'restart',
+                 'no attitude']
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,11 @@ class Check:
     """
     One check: the action follows where the evidence is beyond the threshold.
 
-    diagnostic is the sentence that a user reads, with fields for its figures, or `keys` of
-    tracker_status. probability is that of the threshold by chance, of a chi-square of dof degrees
-    of freedom (0: of no chi-square). limits are those of figures without a distribution, by names
-    with their units, and options the parameters that are limits. The check looks at so many
-    frames, in a row or the first ones; 0 for one alone.
+    diagnostic is the sentence that a user reads, with fields for its figures, or the `keys` of
+    diagnostics that show it; empty where another hypothesis is tried. probability is that of the
+    threshold by chance, of a chi-square of dof degrees of freedom (0: of no chi-square). limits
+    are those of figures without a known distribution, by names with their units, and options the
+    parameters that are limits. frames are those that the check looks at, in a row or the first.
     """
 
     evidence: str
@@ -53,22 +55,19 @@ class Check:
 
 
 # --- frames, as they come ---
-
 LATE_FRAME = Check(
     'stamp not newer than the last one, and older by no more than a limit', 'frame not used',
-    '`late_frames`', limits={'back_s': 1.0})
+    '`late_frames`', limits={'back_s': RESTART_NS / 1e9})
 TIME_JUMP = Check('stamp older by more: a simulation or a recording starts again', 'restart',
                   'time jumped back by {back_s:.1f} s')
 REPEATED_FRAME = Check(
     'positions equal those of the frame before to the last digit, of a source whose brightest '
     'star has moved by more than one image may give, searched in another way', 'frame not used',
     'the centroids are those of the frame before, with their noise', limits={'moved_px': 0.02})
-
-UNUSABLE_CENTROID = Check('position is finite, and its sigma positive and finite',
+UNUSABLE_CENTROID = Check('position or sigma is not finite, or sigma not positive',
                           'star not used', '`rejected_centroids`')
 
 # --- the start ---
-
 MISFIT = Check(
     'rms residual of the identified stars', 'frame not used',
     '{stars} identified stars fit to {residual_px:.2g} px rms, max_residual_px is {limit:g}: '
@@ -77,25 +76,25 @@ SECOND_TOO_LATE = Check('time since the first identification', 'restart',
                         'no second identification within {max_gap_s:g} s', options='max_gap_s')
 START_RATE = Check('rate between two identifications', 'restart',
                    'two identifications {rate_deg_s:.3g} deg/s apart', options='max_rate_deg_s')
-HINT = Check('1 sigma of attitude and rate of a hint, about any axis', 'hint not used', '',
+HINT = Check('1 sigma of attitude and rate of a hint, about any axis', 'hint not used', '`reason`',
              limits={'sigma_deg': 2.0, 'rate_sigma_deg_s': 0.5})
 HINT_DIFFERS = Check('identified attitude minus that of a hint, or of tracks before',
-                     'hint not used', '', 1e-5, 3)
+                     'hint not used', '`reason`', 1e-5, 3)
 HINT_FAILED = Check('good frames from a start by a hint to the loss of the stars',
-                    'hint not used', '', frames=5)
+                    'hint not used', '`reason`', frames=5)
 IDENTIFICATION_DIFFERS = Check(  # 10 sigma: beyond errors of the lens, below wrong stars by far
     'identified attitude minus that of the tracks, and its rms residual over max_residual_px',
     'restart', 'an identification contradicts the tracks by {error_deg:.3g} deg',
     1.55415943139e-21, 3, {'residual_ratio': 3.0})
 
 # --- the filter ---
-
 STAR_OUTLIER = Check(  # 5 sigma
     'residual of a star over its sigma', 'star not used', '`residual_px`', 3.72665317208e-6, 2)
 LIKELY_INNOVATION = Check(
     'innovation of the attitude by a motion before the widest one: the smallest one that is '
     'likely is taken', 'next hypothesis', '', 0.05, 3)
-INNOVATION = Check('innovation of the attitude by the last motion', 'frame not used', '', 1e-5, 3)
+INNOVATION = Check('innovation of the attitude by the last motion', 'frame not used',
+                   '`frames_since_fix`', 1e-5, 3)
 FEW_AGREE = Check(
     'stars that fit the corrected attitude, of those in the image, and their rms residual',
     'frame not used', '`stars_matched`', limits={'stars_for_one': 3},
@@ -110,18 +109,17 @@ DIVERGED = Check(  # 20 sigma
     'the filter has diverged: {frames} frames in a row with innovations beyond {sigmas:g} sigma, '
     'the last of {last:.0f}', 2.2138865931e-86, 3, frames=5)
 FILTER_COVARIANCE = Check(
-    'covariance of the filter is finite and positive definite', 'restart',
+    'covariance of the filter is not finite, or not positive definite', 'restart',
     'the covariance of the filter is not positive definite, its diagonal is {variances}')
 SHEARED_STARS = Check(
     'stars of a rolling shutter that are not where a motion has them: exposed after a jump',
     'next hypothesis', '', limits={'stars': 3})
 FAST_TURN = Check(
     'share of the width of the image that stars move in a frame, in which those followed may '
-    'leave it, and distance of a centroid that may be that of one of them', 'other stars', '',
-    limits={'width_share': 0.02, 'neighbourhood_px': 10.0})
+    'leave it, and distance of a centroid that may be that of one of them', 'other stars',
+    '`reason`', limits={'width_share': 0.02, 'neighbourhood_px': 10.0})
 
 # --- a gyro ---
-
 GYRO_SILENT = Check('age of the newest rate', 'rates not used', '`gyro`', limits={'age_s': 1.0})
 GYRO_AT_RANGE = Check(
     'rates at gyro_range_deg_s', 'rates not used', 'imu reaches gyro_range_deg_s: its rates are '
@@ -137,7 +135,6 @@ MOTION_ENDS = Check('probability of the mode of motion before, by the rates sinc
                     'next hypothesis', '', 1e-3)
 
 # --- errors that the stars show or do not exclude, in the error budget ---
-
 JUMP_IN_FRAME = Check(
     'probability of a motion that begins within the frame, times the share of the interval that '
     'is exposed; that the stamp errs, at least', 'wider covariance',
@@ -146,9 +143,10 @@ DISPLACED = Check(  # no body jumps and goes on as before, but images of another
     'rate in the frames after a jump is within the threshold from that before it',
     'wider covariance', '`error_budget.motion_arcsec`', 0.05, 3, frames=4)
 STAMP_ERRORS = Check(
-    'variance of the stamps by turns along the rate that change sign, over that by the centroids: '
-    'of many and of few products, once errors are expected, and times that across the rate; in '
-    'the first frames whatever they do not exclude', 'wider covariance',
+    'variance of the stamps by turns along the rate that change sign, over that by the centroids, '
+    'by so many products: `many` plus `few` over their number, `expected` in place of `many` '
+    'where stamps have erred, and `shaken` times the variance across the rate; in the first '
+    'frames up to `first_s` whatever they do not exclude', 'wider covariance',
     '`error_budget.stamps_arcsec`, `stamp_sigma_ms`', limits={
         'products': 3, 'many': 2.5, 'few': 15.0, 'expected': 2.0, 'shaken': 2.0, 'first_s': 5e-3},
     frames=10)
@@ -161,7 +159,6 @@ ERROR_SCALE = Check(
     limits={'large': 1.15, 'small': 0.9, 'least': 0.5}, frames=20)
 
 # --- one attitude in all of an image ---
-
 TORN_FRAME = Check(  # 6 sigma
     'chi-square that a step of the residuals between two rows explains, its share of all, and its '
     'size', 'no attitude', 'the rows beyond {row:.0f} are {shift_s:.3g} s later than those '
@@ -185,7 +182,6 @@ MISSING_STARS = Check(
     'centroids are no star', limits={'missed_share': 0.4, 'placed_share': 0.7})
 
 # --- what is published ---
-
 FEW_STARS = Check('identified or tracked stars', 'no attitude',
                   '{count} {kind} stars, min_stars is {limit}', options='min_stars')
 STAR_RESIDUALS = Check(
@@ -199,16 +195,15 @@ LARGE_CHI2 = Check(  # always scaled, covariances of few stars would be too larg
     'chi-square of the residuals of N identified stars, of 2 N - 3 degrees of freedom',
     'wider covariance', '`cross_boresight_sigma_arcsec`, `roll_sigma_arcsec`', 1e-3)
 COVARIANCE = Check(
-    'published covariance is finite, symmetric and positive definite', 'no attitude',
+    'published covariance is not finite, symmetric and positive definite', 'no attitude',
     'the covariance of the attitude is not positive definite, its diagonal is {variances} rad^2: '
     'its errors are not known')
 PROTECTION = Check(  # each rejected star says that there may be others
     'separation of the attitudes without one and without two stars; share of false stars that no '
-    'test rejects', 'wider covariance', '`protection_level_arcsec`', 1e-4,
+    'test rejects', 'larger bound', '`protection_level_arcsec`', 1e-4,
     options='misleading_probability, false_star_probability')
 
 # --- several heads ---
-
 HEAD_DIFFERS = Check(
     'attitude of a head minus that of the body by the others', 'frame not used',
     '{angle_deg:.3g} deg from what other heads and prediction have', 1e-6, 3)
