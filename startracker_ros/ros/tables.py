@@ -96,8 +96,8 @@ def checks_text() -> str:
         'with the chi-square of so many degrees of freedom in parentheses; or figures with their',
         'units where the evidence has no known distribution; or [parameters](parameters.md). What',
         'widens the covariance is a term of the [error budget](tracking.md#error-budget). A',
-        'sentence is the `reason` in `tracker_status` or in `/diagnostics`, with its figures; where',
-        'another hypothesis is tried, there is none.', '',
+        'sentence is the `reason` in `tracker_status` or in `/diagnostics`, with its figures;',
+        'where another hypothesis is tried there is none.', '',
         '| check | evidence | threshold | action | what a user sees |', '|---|---|---|---|---|']
     for name, check in CHECKS.items():
         seen = re.sub(r'{.*?}', '…', check.diagnostic) or '—'
