@@ -26,12 +26,12 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
-from startracker_ros.core.attitude.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
+from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.maths.rotation import (
     ARCSEC, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction

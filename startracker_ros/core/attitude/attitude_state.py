@@ -13,12 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector, turned
-from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import inverse
-
-NIS_GATE = gate(1e-5, 3)
-"""Normalised innovation squared of an attitude that chance exceeds once in a hundred thousand
-frames."""
 
 
 class AttitudeState(NamedTuple):

@@ -67,10 +67,6 @@ class GyroStep(NamedTuple):
     variance: float
 
 
-AT_ITS_RANGE = ('imu reaches gyro_range_deg_s: its rates are not used while the true ones may be '
-                'larger')
-
-
 def checked_rate(rate_rad_s: np.ndarray) -> np.ndarray:
     """
     Return a rate (3,) in rad/s about sensor axes as float64.

@@ -25,18 +25,13 @@ from startracker_ros.core.fusion.mounts import Mount, MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation
 from startracker_ros.core.fusion.steps import MountStep, StepDetector
+from startracker_ros.core.integrity.checks import HEAD_DIFFERS, HEAD_RETURNS
 from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, sign_continuous)
 from startracker_ros.core.track.tracks import Hint
 
-RETURN_GATE = 9.0
-"""
-At which two heads begin or a head counts again: the state then changes by 3 sigma at most.
-
-Chance exceeds it in one of 34 frames, and is only later for it. GATE, which chance exceeds once
-in a million frames, lets an error of 4 sigma in.
-"""
+RETURN_GATE = HEAD_RETURNS.threshold
 LONE_HEAD_FACTORS = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
@@ -443,8 +438,8 @@ class AttitudeFusion:
 
 
 def _disagreement(innovation: Innovation) -> str:
-    angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
-    return f'{angle_deg:.3g} deg from what other heads and prediction have'
+    return HEAD_DIFFERS.diagnostic.format(
+        angle_deg=math.degrees(float(np.linalg.norm(innovation.vector))))
 
 
 def warm_up() -> None:

@@ -8,16 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import Prediction
-from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions, rate_text
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions, rate_text
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation, Measurement
+from startracker_ros.core.integrity.checks import GYRO_AT_RANGE, GYRO_SILENT
+from startracker_ros.core.integrity.gyro_agreement import GyroAgreement
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.maths.small_algebra import inverse
-from startracker_ros.core.track.gyro_agreement import GyroAgreement
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
-GYRO_SILENCE_S = 1.0
+GYRO_SILENCE_S = GYRO_SILENT.limits['age_s']
 _ACCELERATION_S = 0.1
 _SHARP_TURN_RAD = 5 * ARCSEC  # 1 sigma, beyond the newest rate
 
@@ -78,7 +79,7 @@ class BodyMotion:
         added = self._gyro.add(stamp_ns, rate_rad_s)
         if self._gyro.saturated_ns == stamp_ns:
             self.forget_gyro()
-            self.gyro_trouble = AT_ITS_RANGE
+            self.gyro_trouble = GYRO_AT_RANGE.diagnostic
         return added
 
     def gyro_runs(self, stamp_ns: int) -> bool:

@@ -17,15 +17,15 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
 from startracker_ros.core.attitude.gyro import GyroStep
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.checks import HEAD_DIFFERS
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, multiplied, rotation_between, turned)
-from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import adjugate, is_positive_definite
 
 BODY = 9
 """Elements of the error state that are not of the mounts."""
 
-GATE = gate(1e-6, 3)
+GATE = HEAD_DIFFERS.threshold
 """Normalised innovation squared that chance exceeds once in a million frames."""
 
 _MAX_TURN_RAD, _MAX_STEP_S = 0.05, 1.0  # of one step of the covariance
