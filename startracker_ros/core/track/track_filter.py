@@ -21,7 +21,7 @@ from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.integrity.checks import (
     BAD_FRAMES, FAST_TURN, IDENTIFICATION_DIFFERS, LATE_FRAME, NO_STARS, REPEATED_FRAME,
-    SECOND_IMAGE, SECOND_TOO_LATE, START_RATE, TIME_JUMP)
+    SECOND_IMAGE, SECOND_TOO_LATE, STARS_ELSEWHERE, START_RATE, TIME_JUMP)
 from startracker_ros.core.integrity.consistency import expected_stars, RowPattern
 from startracker_ros.core.integrity.systematic_errors import epoch_covariance
 from startracker_ros.core.maths.rotation import attitude_error
@@ -158,6 +158,11 @@ class TrackFilter:
             return None
         return predict_stars(self._stars, self._tracked_sky, self._stamp_ns, predicted.attitude,
                              predicted.rate_rad_s, self._options)
+
+    @property
+    def follows(self) -> bool:
+        """Return whether the stars of the last frame were where the tracks have them."""
+        return self.state is TrackerState.TRACKING and not self.frames_since_fix
 
     @property
     def gyro_trouble(self) -> str:
@@ -337,6 +342,11 @@ class TrackFilter:
         tracked = next((attitude for stamp_ns, attitude in self._history
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
+            # Some frames of stars elsewhere are no chance: the body has jumped.
+            if (frame.stamp_ns > self._good_stamp_ns
+                    and self._bad_frames >= STARS_ELSEWHERE.frames):
+                self._acquire(frame, STARS_ELSEWHERE.diagnostic.format(
+                    frames=self._bad_frames, stars=len(frame.star_index)))
             return
         if frame.contradicts(tracked, self._camera, sky, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
