@@ -30,8 +30,8 @@ from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
-    by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED_LIGHT, Motion,
-    of_vibration, predicted, restarted, SIZE, started, state_of, SUDDEN, tail_sigmas,
+    by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED, MISSED_LIGHT,
+    Motion, of_vibration, predicted, restarted, SIZE, started, state_of, SUDDEN, tail_sigmas,
     updated, with_measured)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
@@ -418,9 +418,9 @@ class AttitudeModel(StarModel):
                 self._gyro.drift_sigma_rad_s))
         self._motion, self.uses_gyro = motion, uses_gyro
         self._state = state_of(motion)
-        least = least_variances(motion.weight, motion.mean, motion.covariance)
+        least = least_variances(motion.weight, motion.mean, motion.covariance, MISSED)
         least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
-                                    motion.covariance)[3:]
+                                    motion.covariance, MISSED)[3:]
         self._covariance = self._state.covariance[:6, :6] + of_vibration(motion)
         np.fill_diagonal(self._covariance, np.maximum(np.diag(self._covariance), least))
 

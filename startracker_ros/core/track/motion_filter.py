@@ -71,8 +71,11 @@ FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
 SEEN_UNEVENLY = 0.05
 """Of the amplitude of a vibration: what the fit of a star that it moves within the exposure is off
 by, 1 sigma."""
-MISSED = 4e-5
-"""Probability that the attitude is beyond WRONG_SIGMAS by an improbable mode."""
+MISSED, MISSED_AHEAD = 1e-5, 4e-5
+"""
+Probability that attitude and rate are beyond WRONG_SIGMAS by an improbable mode, now and at other
+times: motions that may begin, which are hardly ever seen, would widen all that is predicted.
+"""
 
 MISSED_LIGHT = 1e-3
 """The same by a jump within an exposure: most frames have no jump."""
@@ -470,14 +473,15 @@ def tail_sigmas(probability: float, missed: float) -> float:
 
 
 @compiled
-def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variances (6,) of turn and rate with which no mode makes them wrong."""
+def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray, missed: float
+                    ) -> np.ndarray:
+    """Return the variances (6,) with which a mode makes turn and rate wrong so improbably."""
     least = np.zeros(6)
     middle = np.zeros(6)
     for j in range(len(weight)):
         middle += weight[j] * mean[j, :6]
     for j in range(len(weight)):
-        tail = tail_sigmas(weight[j], MISSED)
+        tail = tail_sigmas(weight[j], missed)
         if tail == 0:
             continue
         for k in range(6):
@@ -542,10 +546,10 @@ def ahead(motion: Motion, weight: np.ndarray, mean: np.ndarray, covariance: np.n
     Return mean (6,) and covariance (6, 6) of turn and rate in tau_s, before or after.
 
     Modes have weight (M,), mean (M, N) and covariance (M, N, N), those after the frame mixed().
-    One with a probability below MISSED is left out.
+    One with a probability below MISSED_AHEAD is left out.
     """
     after, P, swing = np.zeros((len(weight), 6)), np.zeros((len(weight), 6, 6)), motion.swing
-    used = np.where(weight < MISSED, 0.0, weight)
+    used = np.where(weight < MISSED_AHEAD, 0.0, weight)
     for j in range(len(weight)):
         if used[j] == 0:
             continue
@@ -559,7 +563,7 @@ def ahead(motion: Motion, weight: np.ndarray, mean: np.ndarray, covariance: np.n
         if tau_s > 0:
             P[j] += Q[:6, :6]
     middle, both = mixture(used, after, P)
-    least = least_variances(used, after, P)
+    least = least_variances(used, after, P, MISSED_AHEAD)
     for k in range(6):
         both[k, k] = max(both[k, k], least[k])
     return middle, both

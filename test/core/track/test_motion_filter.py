@@ -144,7 +144,7 @@ def test_errors_are_within_the_covariance_at_any_time(angles):
             weight, mean, P = motion.weight, motion.mean, motion.covariance
             middle, own = mixture(weight, mean, P)
             own = own[:3, :3] + np.diag(np.maximum(
-                least_variances(weight, mean, P)[:3] - np.diag(own)[:3], 0.0))
+                least_variances(weight, mean, P, MISSED)[:3] - np.diag(own)[:3], 0.0))
             error = rotation_between(turned(motion.quaternion, middle[:3]), truth)
             assert (np.abs(error) < WRONG_SIGMAS * np.sqrt(np.diag(own))).all(), k
             squares.append(error @ np.linalg.solve(own, error))
@@ -176,7 +176,8 @@ def test_the_sigma_of_an_axis_covers_improbable_modes():
     rng = np.random.default_rng(6)
     weight, mean, P = np.array([0.99, 0.01]), np.zeros((2, 12)), np.zeros((2, 12, 12))
     P[0], P[1] = np.eye(12), 400 * np.eye(12)
-    sigma = np.sqrt(max(mixture(weight, mean, P)[1][0, 0], least_variances(weight, mean, P)[0]))
+    sigma = np.sqrt(max(mixture(weight, mean, P)[1][0, 0],
+                        least_variances(weight, mean, P, MISSED)[0]))
     drawn = np.concatenate([rng.standard_normal(990_000), 20 * rng.standard_normal(10_000)])
     assert np.mean(np.abs(drawn) > WRONG_SIGMAS * sigma) < 2 * MISSED
     # The covariance of the moments alone does not.
