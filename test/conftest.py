@@ -35,6 +35,7 @@ ROOT = Path(__file__).parent
 KINDS = {
     '': 'core',
     'io/bags/test_damage.py': 'slow',
+    'native/test_native_cmake.py': 'slow',
     'evaluation/bench': 'slow',
     'evaluation/campaign': 'slow',
     'tools/datasheet/test_datasheet.py': 'slow',

@@ -26,19 +26,27 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
+from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
 from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
+from startracker_ros.core.maths.compiled_rotation import (
+    matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
-    ARCSEC, multiply, quaternion_from_rotation_vector, rotate)
+    angle_between, ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_axes,
+    quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude, rotate,
+    rotation_vector_from_quaternion, sign_continuous)
+from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
-from startracker_ros.core.track.motion_models import constant_velocity, coordinated_turn
+from startracker_ros.core.track.motion_models import (
+    constant_velocity, coordinated_turn, image_jacobian)
 
 FOLDER = Path(__file__).parent / 'conformance'
 EPOCH_YEAR = 2026.5
@@ -72,16 +80,18 @@ def arrays(values: Values, *names: str) -> list[np.ndarray]:
 
 def camera_inputs() -> Iterator[tuple[str, Values]]:
     pixels = np.random.default_rng(1).uniform(0, [1023, 767], (8, 2))
-    for model, terms, focal in (
-            ('plumb_bob', (0.0,) * 5, 3900.0),
-            ('plumb_bob', (-0.12, 0.05, 0.001, -0.0007, 0.01), 1500.0),
-            ('rational_polynomial', (0.11, -0.04, 0.0005, 0.0003, 0.006, 0.2, -0.01, 0.004),
-             1500.0),
-            ('equidistant', (-0.02, 0.004, -0.001, 0.0002), 500.0)):
-        name = model if any(terms) else 'pinhole'
+    for name, model, terms, focal in (
+            ('pinhole', 'plumb_bob', (0.0,) * 5, 3900.0),
+            ('plumb_bob', 'plumb_bob', (-0.12, 0.05, 0.001, -0.0007, 0.01), 1500.0),
+            ('rational_polynomial', 'rational_polynomial',
+             (0.11, -0.04, 0.0005, 0.0003, 0.006, 0.2, -0.01, 0.004), 1500.0),
+            ('equidistant', 'equidistant', (-0.02, 0.004, -0.001, 0.0002), 500.0),
+            # Its image circle ends within the image, beyond the hemisphere: corners show nothing.
+            ('image_circle', 'equidistant', (-0.05, -0.01, 0.0, 0.0), 290.0)):
         yield name, {'camera': asdict(st.Camera(1024, 768, focal, focal * 1.001, 511.8, 383.1,
                                                 terms, model)),
-                     'pixel': pixels}
+                     'pixel': pixels if name != 'image_circle' else np.vstack(
+                         [pixels, [[511.8, 383.1], [0.0, 0.0], [-0.6, 300.0], [1023.5, -0.5]]])}
 
 
 def camera_of(values: Values) -> st.Camera:
@@ -92,7 +102,71 @@ def camera_outputs(values: Values) -> Values:
     camera, (pixel,) = camera_of(values), arrays(values, 'pixel')
     direction = camera.unproject(pixel)
     return {'direction': direction, 'projected_pixel': camera.project(direction),
+            'flow_px_rad': image_jacobian(camera, direction),
+            'shown': [shows(camera.lens, *uv) for uv in pixel],
+            'quaternion_of_middle': camera.middle_axes,
             'corner_angle_rad': camera.corner_angle_rad}
+
+
+# --- rotations and small matrices ---
+
+def rotation_inputs() -> Iterator[tuple[str, Values]]:
+    rng = np.random.default_rng(2)
+    for name, vector in (('usual', [0.3, -0.7, 0.2]), ('zero', [0.0, 0.0, 0.0]),
+                         ('tiny', [3e-9, -2e-9, 1e-9]), ('near_half_turn', [0.0, 3.14, 0.0]),
+                         ('large', [1.9, 2.1, -1.1])):
+        z, towards_y = unit(rng.normal(size=3)), rng.normal(size=3)
+        yield name, {'quaternion': random_attitude(rng), 'rotation_vector_rad': vector,
+                     'rodrigues': [0.3, -0.02, 0.11], 'axis_z': z, 'towards_y': towards_y,
+                     'near_z': unit(z + 1e-7 * towards_y), 'covariance_sensor': spd(rng, 3)}
+
+
+def rotation_outputs(values: Values) -> Values:
+    q, vector, g, z, towards_y, near_z, P = arrays(
+        values, 'quaternion', 'rotation_vector_rad', 'rodrigues', 'axis_z', 'towards_y', 'near_z',
+        'covariance_sensor')
+    step, after, turned_by_g = (
+        quaternion_from_rotation_vector(vector), turned(q, vector), matrix_from_quaternion(q))
+    turn_matrix(turned_by_g, *g)
+    return {'quaternion_of_vector': step, 'quaternion_product': multiply(q, step),
+            'quaternion_turned': after, 'vector_of_quaternion': rotation_vector_from_quaternion(
+                step), 'attitude_error_rad': attitude_error(after, q),
+            'matrix': matrix_from_quaternion(q), 'matrix_of_vector': matrix_from_rotation_vector(
+                vector),
+            # Not named a quaternion, of which the sign would not count.
+            'sign_continuous': sign_continuous(after, -q),
+            'sensor_direction': sensor_directions(matrix_from_quaternion(q), z[None])[0],
+            'quaternion_of_matrix': quaternion_from_matrix(matrix_from_quaternion(after)),
+            'matrix_turned': turned_by_g, 'quaternion_of_axes': quaternion_from_axes(z, towards_y),
+            'angle_rad': float(angle_between(z, near_z)),
+            'covariance_icrf': covariance_icrf(q, P)}
+
+
+def spd(rng: np.random.Generator, size: int) -> np.ndarray:
+    """Return a positive definite matrix (size, size) of elements of other magnitudes."""
+    scale = 10.0 ** rng.uniform(-4, 1, size)
+    root = rng.normal(size=(size, size + 2)) * scale[:, None]
+    matrix: np.ndarray = root @ root.T
+    return matrix
+
+
+def algebra_inputs() -> Iterator[tuple[str, Values]]:
+    rng = np.random.default_rng(4)
+    for size in (3, 6, 9):
+        yield f'{size}_by_{size}', {
+            'symmetric': spd(rng, size), 'right': rng.normal(size=(size, 2)),
+            'probability': [0.3, 1e-3, 1e-5, 1e-12], 'dof': [1.0, 3.0, 6.5, 200.0]}
+
+
+def algebra_outputs(values: Values) -> Values:
+    symmetric, right = arrays(values, 'symmetric', 'right')
+    return {'determinant_3': determinant(symmetric), 'inverse_3': inverse(symmetric),
+            'cholesky': np.linalg.cholesky(symmetric), 'solution': np.linalg.solve(
+                symmetric, right),
+            'indefinite': [not is_positive_definite(symmetric),
+                           not is_positive_definite(symmetric - 2 * symmetric[0, 0] * np.eye(
+                               len(symmetric)))],
+            'gate': [gate(p, dof) for p in values['probability'] for dof in values['dof']]}
 
 
 # --- catalogue and apparent places ---
@@ -398,7 +472,23 @@ STAGES = {
     'camera': Stage(
         'pixels to directions and back, by the distortion models of sensor_msgs/CameraInfo',
         camera_inputs, camera_outputs,
-        {'direction': (0, 1e-12), 'projected_pixel': (0, 1e-8), 'corner_angle_rad': (0, 1e-11)}),
+        {'direction': (0, 1e-12), 'projected_pixel': (0, 1e-8), 'flow_px_rad': (1e-10, 0),
+         'shown': EXACT, 'quaternion_of_middle': (0, 1e-12),
+         'corner_angle_rad': (0, 1e-11)}),
+    'rotation': Stage(
+        'quaternions, rotation vectors and matrices of rotations',
+        rotation_inputs, rotation_outputs,
+        {**dict.fromkeys(('quaternion_of_vector', 'quaternion_product', 'quaternion_turned',
+                          'vector_of_quaternion', 'attitude_error_rad', 'matrix',
+                          'matrix_of_vector', 'sensor_direction',
+                          'quaternion_of_matrix', 'matrix_turned', 'quaternion_of_axes'),
+                         (0, 1e-14)),
+         'sign_continuous': (0, 1e-14), 'angle_rad': (1e-9, 0), 'covariance_icrf': (1e-12, 0)}),
+    'linear_algebra': Stage(
+        'small symmetric matrices and gates of chi-square',
+        algebra_inputs, algebra_outputs,
+        {'determinant_3': (1e-9, 0), 'inverse_3': (1e-8, 0), 'cholesky': (1e-11, 0),
+         'solution': (1e-7, 0), 'indefinite': EXACT, 'gate': (1e-11, 0)}),
     'apparent_places': Stage(
         'catalogue entries to natural and apparent directions of an observer',
         places_inputs, places_outputs,

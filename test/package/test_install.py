@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import tarfile
 from threading import Timer
 import venv
 
@@ -23,8 +24,8 @@ from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.ros.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
-PARTS = ('LICENSE', 'NOTICE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource',
-         'setup.cfg', 'setup.py', 'startracker_ros')
+PARTS = ('LICENSE', 'MANIFEST.in', 'NOTICE', 'config', 'launch', 'native', 'package.xml',
+         'pyproject.toml', 'resource', 'setup.cfg', 'setup.py', 'startracker_ros')
 COLCON = Path(sysconfig.get_path('scripts')) / 'colcon'
 LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
@@ -134,6 +135,29 @@ def test_all_modules_and_data_are_installed(install):
     used = output(['python3', '-c', 'import startracker_ros; print(startracker_ros.__file__)'],
                   env=install.environment, cwd=install.prefix)
     assert Path(used.strip()).parents[1] == install.modules
+
+
+def test_the_native_core_is_installed(install):
+    library = install.modules / 'startracker_ros' / 'core' / 'libstartracker.so'
+    assert library.is_file()
+    loaded = output(['python3', '-c', 'from startracker_ros.core import native; '
+                     'print(native.build_text(), native.LIBRARY)'], env=install.environment,
+                    cwd=install.prefix)
+    assert loaded.split()[-1] == str(library)
+    if install.route == 'pip':
+        # One wheel for all Pythons of the platform.
+        folder, = install.modules.glob('startracker_ros-*.dist-info')
+        assert re.search('^Tag: py3-none-linux_', (folder / 'WHEEL').read_text(), re.MULTILINE)
+
+
+def test_a_source_distribution_has_the_sources_of_the_native_core(tmp_path):
+    source = copy_source(tmp_path)
+    output([sys.executable, 'setup.py', '-q', 'sdist'], cwd=source)
+    archive, = (source / 'dist').iterdir()
+    with tarfile.open(archive) as tar:
+        names = {name.partition('/')[2] for name in tar.getnames()}
+    assert {path.relative_to(SOURCE).as_posix() for path in (SOURCE / 'native').rglob('*.*')
+            if path.suffix in ('.c', '.cpp', '.h', '.md', '.py', '.txt')} <= names
 
 
 def test_licences_are_beside_package_xml_and_in_the_metadata(install):

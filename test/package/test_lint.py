@@ -7,13 +7,14 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import sysconfig
 
 from limits import HANGS_S
 import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ('startracker_ros', 'evaluation/startracker_evaluation', 'test', 'launch', 'bags',
-           'docs', 'setup.py')
+           'docs', 'native', 'setup.py')
 COPYRIGHT = re.compile(r'(?:#|//) Copyright 20\d\d the startracker_ros authors\n'
                        r'(?:#|//) SPDX-License-Identifier: Apache-2\.0\n\n')
 
@@ -49,7 +50,15 @@ def test_nothing_is_found(linter):
     assert done.returncode == 0, '\n'.join(found)
 
 
+def test_sources_of_the_native_core_are_formatted():
+    files = [path for kind in ('c', 'cpp', 'h') for path in (ROOT / 'native').rglob(f'*.{kind}')]
+    done = subprocess.run(
+        [Path(sysconfig.get_path('scripts'), 'clang-format'), '--dry-run', '-Werror', *files],
+        stderr=subprocess.PIPE, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_source_begins_with_its_copyright_and_licence():
-    files = [ROOT / 'setup.py', *(file for folder in SOURCES for kind in ('py', 'cpp')
+    files = [ROOT / 'setup.py', *(file for folder in SOURCES for kind in ('py', 'c', 'cpp', 'h')
                                   for file in (ROOT / folder).rglob(f'*.{kind}'))]
     assert [file for file in files if not COPYRIGHT.match(file.read_text())] == []

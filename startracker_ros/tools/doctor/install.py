@@ -57,6 +57,7 @@ def check_install() -> Iterator[Check]:
     yield check_python()
     yield check_packages(PACKAGES)
     yield check_compiler()
+    yield check_native()
     prefixes = [prefix for prefix in (
         *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix) if prefix]
     yield from check_ament(prefixes)
@@ -99,6 +100,15 @@ def check_compiler() -> Check:
         return Check('numba', finding, False, remedy)
     return Check('numba', f'{metadata.version("numba")}, needs '
                           f'{".".join(map(str, OLDEST_NUMBA))} or later')
+
+
+def check_native() -> Check:
+    """Return compiler and oldest processor of the native core, or why it cannot be loaded."""
+    from startracker_ros.core.native import build_text, LIBRARY, NativeError, REMEDY
+    try:
+        return Check('native core', f'{build_text()}, {LIBRARY}')
+    except NativeError as error:
+        return Check('native core', str(error).removesuffix(f': {REMEDY}'), False, REMEDY)
 
 
 def check_ament(prefixes: Sequence[str]) -> Iterator[Check]:

@@ -15,6 +15,7 @@ from limits import HANGS_S
 import pytest
 from shifted_bags import GPS_NS
 from skies import CAMERA
+from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros.executables import EXECUTABLES
@@ -42,11 +43,23 @@ def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
     assert set(document) == {'name', 'conditions', 'rows'} and document['name'] == 'doctor'
     rows = {row['check']: row for row in document['rows']}
     assert not rows['camera file: pixels']['holds']
-    for sound in ('Python', 'packages', 'star catalogue', 'middleware', 'ROS_DOMAIN_ID',
-                  'discovery range', 'Fast DDS profile', 'loopback', 'camera file: field'):
+    for sound in ('Python', 'packages', 'native core', 'star catalogue', 'middleware',
+                  'ROS_DOMAIN_ID', 'discovery range', 'Fast DDS profile', 'loopback',
+                  'camera file: field'):
         assert rows[sound]['holds'], rows[sound]
     assert '2 MiB image in' in rows['loopback']['result']
     assert all(row['holds'] or row['mend'] for row in document['rows'])
+
+
+def test_the_native_core_is_named_or_what_to_do(monkeypatch):
+    row = install.check_native()
+    assert row.holds and 'interface 1' in row.result and row.result.endswith('libstartracker.so')
+    monkeypatch.setattr(native, 'VERSION', 99)
+    native.library.cache_clear()
+    row = install.check_native()
+    native.library.cache_clear()
+    assert not row.holds and row.result.endswith('different versions of startracker.h')
+    assert row.mend == native.REMEDY
 
 
 def test_status_is_0_when_all_hold():

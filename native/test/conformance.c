@@ -1,0 +1,271 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+/*
+ * conformance FOLDER: computes each case of the corpus test/conformance, whose README has the
+ * layout, and prints every output that differs by more than its tolerance. Exit status 1 if any
+ * does, 2 for a corpus that cannot be read.
+ */
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "json.h"
+#include "kernels.h"
+
+/* ---- a case: inputs, and outputs that are compared ---- */
+
+#define MOST_INPUTS 32
+
+typedef struct {
+    const char *stage, *name;
+    const json *input, *output, *tolerance;
+    int compared, differences, read;
+    double *numbers[MOST_INPUTS];
+} conformance_case;
+
+/* Numbers of an input, as many as wanted, or any number for 0. They stay until the next case. */
+static const double *input(conformance_case *one, const char *name, size_t wanted) {
+    const json *value = json_member(one->input, name);
+    size_t count = 0;
+    double *numbers = value == NULL ? NULL : json_numbers(value, &count);
+    if (numbers == NULL || one->read == MOST_INPUTS || (wanted != 0 && count != wanted)) {
+        fprintf(stderr, "%s %s: input %s has %zu numbers, not %zu\n", one->stage, one->name, name,
+                count, wanted);
+        exit(2);
+    }
+    one->numbers[one->read++] = numbers;
+    return numbers;
+}
+
+static size_t input_count(const conformance_case *one, const char *name) {
+    const json *value = json_member(one->input, name);
+    return value == NULL ? 0 : value->count;
+}
+
+/* How far found is from expected, over the tolerance; as difference() of golden_vectors.py. */
+static double excess(const char *name, const double *expected, const double *found, size_t count,
+                     const double tolerance[2]) {
+    double largest = 0.0, away = 0.0, product = 0.0;
+    for (size_t i = 0; i < count; ++i) {
+        product += isnan(expected[i]) || isnan(found[i]) ? 0.0 : expected[i] * found[i];
+    }
+    const double sign = strstr(name, "quaternion") != NULL && product < 0 ? -1.0 : 1.0;
+    for (size_t i = 0; i < count; ++i) {
+        if (isnan(expected[i]) != isnan(found[i])) {
+            return INFINITY;
+        }
+        if (!isnan(expected[i])) {
+            largest = fmax(largest, fabs(expected[i]));
+            away = fmax(away, fabs(expected[i] - sign * found[i]));
+        }
+    }
+    return away == 0 ? 0.0 : away / (tolerance[1] + tolerance[0] * largest);
+}
+
+static void compare(conformance_case *one, const char *name, const double *found, size_t count) {
+    const json *value = json_member(one->output, name), *limit = json_member(one->tolerance, name);
+    size_t wanted = 0, two = 0;
+    ++one->compared;
+    if (value == NULL || limit == NULL) {
+        printf("%s %s: the corpus has no output %s\n", one->stage, one->name, name);
+        ++one->differences;
+        return;
+    }
+    double *expected = json_numbers(value, &wanted), *tolerance = json_numbers(limit, &two);
+    const double over =
+        wanted == count ? excess(name, expected, found, count, tolerance) : INFINITY;
+    if (!(over <= 1)) {
+        ++one->differences;
+        printf("%s %s: %s differs, %.3g times the tolerance [%g, %g]\n", one->stage, one->name,
+               name, over, tolerance[0], tolerance[1]);
+        for (size_t i = 0; i < wanted && i < count; ++i) {
+            printf("  [%zu] expected %.17g, found %.17g\n", i, expected[i], found[i]);
+        }
+    }
+    free(expected);
+    free(tolerance);
+}
+
+/* ---- stages ---- */
+
+static st_camera camera_of(const conformance_case *one) {
+    static const char *const MODELS[] = {"plumb_bob", "rational_polynomial", "equidistant"};
+    const json *camera = json_member(one->input, "camera");
+    st_camera made;
+    memset(&made, 0, sizeof made);
+    made.width_px = (int32_t)json_member(camera, "width")->number;
+    made.height_px = (int32_t)json_member(camera, "height")->number;
+    made.fx_px = json_member(camera, "fx")->number;
+    made.fy_px = json_member(camera, "fy")->number;
+    made.cx_px = json_member(camera, "cx")->number;
+    made.cy_px = json_member(camera, "cy")->number;
+    size_t count = 0;
+    double *terms = json_numbers(json_member(camera, "distortion"), &count);
+    memcpy(made.distortion, terms, (count < 8 ? count : 8) * sizeof(double));
+    free(terms);
+    while (made.model < ST_LENS_MODEL_COUNT &&
+           strcmp(MODELS[made.model], json_member(camera, "distortion_model")->text) != 0) {
+        ++made.model;
+    }
+    return made;
+}
+
+static void expect_ok(conformance_case *one, const char *call, st_status status) {
+    if (status != ST_OK) {
+        ++one->differences;
+        printf("%s %s: %s: %s\n", one->stage, one->name, call, st_status_text(status));
+    }
+}
+
+#define MOST_PIXELS 64
+
+static void camera_stage(conformance_case *one) {
+    const st_camera camera = camera_of(one);
+    const size_t count = input_count(one, "pixel");
+    double direction[3 * MOST_PIXELS], pixel[2 * MOST_PIXELS], flow[6 * MOST_PIXELS];
+    double shown[MOST_PIXELS], middle[4];
+    if (count > MOST_PIXELS) {
+        fprintf(stderr, "%s %s: more than %d pixels\n", one->stage, one->name, MOST_PIXELS);
+        exit(2);
+    }
+    expect_ok(one, "st_check_camera", st_check_camera(&camera, NULL));
+    const double *given = input(one, "pixel", 2 * count);
+    expect_ok(one, "st_unproject", st_unproject(&camera, given, direction, count));
+    expect_ok(one, "st_project", st_project(&camera, direction, pixel, count));
+    expect_ok(one, "st_image_flow", st_image_flow(&camera, direction, flow, count));
+    compare(one, "direction", direction, 3 * count);
+    compare(one, "projected_pixel", pixel, 2 * count);
+    compare(one, "flow_px_rad", flow, 6 * count);
+    for (size_t i = 0; i < count; ++i) {
+        shown[i] = stt_shows(&camera, given + 2 * i);
+    }
+    compare(one, "shown", shown, count);
+    stt_middle_axes(&camera, middle);
+    compare(one, "quaternion_of_middle", middle, 4);
+    const double corner_rad = stt_corner_angle(&camera);
+    compare(one, "corner_angle_rad", &corner_rad, 1);
+}
+
+static void rotation_stage(conformance_case *one) {
+    const double *q = input(one, "quaternion", 4), *z = input(one, "axis_z", 3);
+    const double *vector = input(one, "rotation_vector_rad", 3);
+    double step[4], after[4], other[4], found[9], matrix[9];
+    stt_quaternion_from_rotation_vector(vector, step);
+    compare(one, "quaternion_of_vector", step, 4);
+    stt_multiply(q, step, other);
+    compare(one, "quaternion_product", other, 4);
+    stt_turned(q, vector, after);
+    compare(one, "quaternion_turned", after, 4);
+    stt_rotation_vector_from_quaternion(step, found);
+    compare(one, "vector_of_quaternion", found, 3);
+    stt_attitude_error(after, q, found);
+    compare(one, "attitude_error_rad", found, 3);
+    stt_matrix_from_quaternion(q, matrix);
+    compare(one, "matrix", matrix, 9);
+    stt_sensor_direction(matrix, z, found);
+    compare(one, "sensor_direction", found, 3);
+    stt_turn_matrix(matrix, input(one, "rodrigues", 3), found);
+    compare(one, "matrix_turned", found, 9);
+    stt_matrix_from_rotation_vector(vector, found);
+    compare(one, "matrix_of_vector", found, 9);
+    for (int i = 0; i < 4; ++i) {
+        other[i] = -q[i];
+    }
+    stt_sign_continuous(after, other, found);
+    compare(one, "sign_continuous", found, 4);
+    stt_matrix_from_quaternion(after, matrix);
+    stt_quaternion_from_matrix(matrix, other);
+    compare(one, "quaternion_of_matrix", other, 4);
+    stt_quaternion_from_axes(z, input(one, "towards_y", 3), other);
+    compare(one, "quaternion_of_axes", other, 4);
+    found[0] = stt_angle_between(z, input(one, "near_z", 3));
+    compare(one, "angle_rad", found, 1);
+    stt_covariance_icrf(q, input(one, "covariance_sensor", 9), found);
+    compare(one, "covariance_icrf", found, 9);
+}
+
+static void linear_algebra_stage(conformance_case *one) {
+    const size_t size = input_count(one, "symmetric");
+    const int32_t n = (int32_t)size;
+    const double *symmetric = input(one, "symmetric", size * size);
+    double lower[81], solution[18], found[9], gates[64], shifted[81];
+    found[0] = stt_determinant(n, symmetric);
+    compare(one, "determinant_3", found, 1);
+    stt_inverse(n, symmetric, found);
+    compare(one, "inverse_3", found, 9);
+    stt_cholesky(n, symmetric, input(one, "right", 2 * size), lower, solution);
+    compare(one, "cholesky", lower, size * size);
+    compare(one, "solution", solution, 2 * size);
+    for (size_t i = 0; i < size * size; ++i) {
+        shifted[i] = symmetric[i] - (i % (size + 1) == 0 ? 2 * symmetric[0] : 0.0);
+    }
+    found[0] = !stt_is_positive_definite(n, symmetric);
+    found[1] = !stt_is_positive_definite(n, shifted);
+    compare(one, "indefinite", found, 2);
+    const size_t rows = input_count(one, "probability"), columns = input_count(one, "dof");
+    const double *probability = input(one, "probability", 0), *dof = input(one, "dof", 0);
+    for (size_t i = 0; i < rows * columns && i < 64; ++i) {
+        gates[i] = stt_gate(probability[i / columns], dof[i % columns]);
+    }
+    compare(one, "gate", gates, rows * columns);
+}
+
+/* ---- the corpus ---- */
+
+typedef struct {
+    const char *name;
+    void (*run)(conformance_case *);
+} conformance_stage;
+
+/* A stage joins with the commit that implements it. */
+static const conformance_stage STAGES[] = {
+    {"camera", camera_stage},
+    {"rotation", rotation_stage},
+    {"linear_algebra", linear_algebra_stage},
+};
+
+static int run_stage(const char *folder, const conformance_stage *stage) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s.json", folder, stage->name);
+    json *document = json_read(path);
+    int cases = 0, outputs = 0, differences = 0;
+    const json *all = json_member(document, "cases");
+    for (const json *item = all == NULL ? NULL : all->first; item != NULL; item = item->next) {
+        conformance_case one = {.stage = stage->name,
+                                .name = json_member(item, "name")->text,
+                                .input = json_member(item, "input"),
+                                .output = json_member(item, "output"),
+                                .tolerance = json_member(document, "tolerance")};
+        stage->run(&one);
+        if ((size_t)one.compared != one.output->count) {
+            printf("%s %s: %d of %zu outputs are compared\n", one.stage, one.name, one.compared,
+                   one.output->count);
+            ++differences;
+        }
+        ++cases;
+        outputs += one.compared;
+        differences += one.differences;
+        while (one.read > 0) {
+            free(one.numbers[--one.read]);
+        }
+    }
+    printf("%s: %d cases, %d outputs, %d differences\n", stage->name, cases, outputs, differences);
+    json_free(document);
+    return cases == 0 ? 1 : differences;
+}
+
+int main(int count, char **arguments) {
+    if (count != 2) {
+        fprintf(stderr, "usage: conformance FOLDER\n");
+        return 2;
+    }
+    int differences = 0;
+    printf("%s\n", st_build_text());
+    for (size_t i = 0; i < sizeof STAGES / sizeof STAGES[0]; ++i) {
+        differences += run_stage(arguments[1], &STAGES[i]);
+    }
+    return differences != 0;
+}

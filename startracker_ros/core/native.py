@@ -1,0 +1,200 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The native core, libstartracker.so, by ctypes: its structs as NumPy types, its functions.
+
+native/include/startracker.h has the meaning and the unit of each field; a test compares names,
+types and places of all fields with it. Loading fails where library and types are of two versions.
+"""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LIBRARY = Path(__file__).with_name('libstartracker.so')
+VERSION = 1
+"""ST_VERSION of the header that the types below are of."""
+
+_FIGURES, _BODIES, _REJECTIONS = 6, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
+
+
+REMEDY = 'install the package again; in a checkout, python native/build.py'
+
+
+class NativeError(RuntimeError):
+    """The library cannot be loaded, or was used wrongly; the text says why, in a line."""
+
+
+# --- structs ---
+
+
+def _struct(**fields: Any) -> np.dtype:
+    """Return the type of a struct of the header, out of names with types."""
+    return np.dtype([(name, *kind) if isinstance(kind, tuple) else (name, kind)
+                     for name, kind in fields.items()], align=True)
+
+
+def _numbers(names: str, kind: str = 'f8') -> dict[str, str]:
+    """Return names with the type that they share."""
+    return dict.fromkeys(names.split(), kind)
+
+
+_VECTOR, _QUATERNION, _MATRIX = ('f8', 3), ('f8', 4), ('f8', (3, 3))
+
+ABI = _struct(**_numbers(
+    'version config camera image sky observer hint centroid identified track prediction rejected '
+    'result attitude fault', 'u4'))
+FAULT = _struct(name='u8', **_numbers('value least most'))
+CAMERA = _struct(**_numbers('width_px height_px', 'i4'), **_numbers('fx_px fy_px cx_px cy_px'),
+                 distortion=('f8', 8), **_numbers('model reserved', 'i4'))
+IMAGE = _struct(pixels='u8', stride_bytes='i8', **_numbers(
+    'width_px height_px type cell', 'i4'))
+SKY = _struct(file='u8', bytes='u8')
+BODY = _struct(direction=_VECTOR, **_numbers('error_rad radius_rad magnitude'))
+OBSERVER = _struct(
+    velocity_m_s=_VECTOR, velocity_sigma_m_s='f8', heliocentric_au=_VECTOR,
+    epoch_sigma_years='f8', zenith=_VECTOR, refraction_a_rad='f8', refraction_b_rad='f8',
+    max_age_s='f8', body=(BODY, _BODIES), **_numbers('body_count aberration', 'i4'))
+HINT = _struct(stamp_ns='i8', quaternion=_QUATERNION, covariance_rad2=_MATRIX, rate_rad_s=_VECTOR,
+               rate_covariance=_MATRIX)
+
+EXTRACTION_OPTIONS = _struct(
+    **_numbers('threshold_sigma threshold_dn psf_sigma_px exposure_s line_time_us '
+               'search_period_s'),
+    **_numbers('threshold method max_stars max_stars_lost readout_up reserved', 'i4'))
+IDENTIFICATION_OPTIONS = _struct(
+    **_numbers('tolerance_sigmas sigma_floor_px fov_error_percent false_alarm_max most_work_s '
+               'check_period_s'), **_numbers('max_image_stars reserved', 'i4'))
+TRACKING_OPTIONS = _struct(
+    **_numbers('magnitude_limit acceleration_deg_s2 roll_acceleration_deg_s2 sigma_floor_px '
+               'detection_probability gate_probability magnitude_tolerance max_residual_px '
+               'max_rate_deg_s max_gap_s'),
+    **_numbers('max_stars min_stars max_missed confirm_frames max_bad_frames reserved', 'i4'))
+GYRO_OPTIONS = _struct(**_numbers(
+    'gyro_drift_deg_h gyro_noise_deg_sqrt_h gyro_range_deg_s gyro_rate_change_deg_s2'))
+TRUST_OPTIONS = _struct(
+    **_numbers('max_residual_px misleading_probability false_star_probability'),
+    **_numbers('solver min_stars', 'i4'))
+CAPACITIES = _struct(**_numbers(
+    'peaks centroids rejected tracks predictions candidates frames rates', 'i4'))
+CONFIG = _struct(
+    abi=ABI, stages='i4', epoch_year='f8', capacities=CAPACITIES, extraction=EXTRACTION_OPTIONS,
+    identification=IDENTIFICATION_OPTIONS, tracking=TRACKING_OPTIONS, gyro=GYRO_OPTIONS,
+    trust=TRUST_OPTIONS)
+
+REASON = _struct(**_numbers('code reserved', 'i4'), figure=('f8', _FIGURES))
+CENTROID = _struct(**_numbers(
+    'u_px v_px flux_dn snr sigma_px cov_uu_px2 cov_uv_px2 cov_vv_px2 common_uu_px2 common_uv_px2 '
+    'common_vv_px2 delay_s'))
+IDENTIFIED = _struct(**_numbers('magnitude residual_px'), **_numbers('hip reserved', 'i4'))
+STAR_TRACK = _struct(
+    **_numbers('u_px v_px u_rate_px_s v_rate_px_s cov_uu_px2 cov_uv_px2 cov_vv_px2 magnitude '
+               'flux_dn snr sigma_px residual_px distance_px association_probability'),
+    hip='i4', track_id='u4', **_numbers('age missed', 'i4'))
+PREDICTION = _struct(**_numbers('u_px v_px u_rate_px_s v_rate_px_s sigma_px'),
+                     **_numbers('hip reserved', 'i4'))
+REJECTED = _struct(**_numbers('u_px v_px'), **_numbers('kind reserved', 'i4'))
+
+ATTITUDE = _struct(
+    quaternion=_QUATERNION, covariance_rad2=_MATRIX, rate_rad_s=_VECTOR, rate_covariance=_MATRIX,
+    cross_covariance=_MATRIX, acceleration_rad_s2=_VECTOR, jerk_rad_s3=_VECTOR,
+    acceleration_sigma_rad_s2=_VECTOR, acceleration_sigma_before_rad_s2=_VECTOR,
+    protection_rad=_VECTOR, **_numbers('chi2 residual_px'), stamp_ns='i8',
+    **_numbers('valid stars', 'i4'))
+BUDGET = _struct(**dict.fromkeys(
+    ('stars', 'motion', 'exposure', 'stamps', 'shutter', 'lens', 'observer', 'epoch'), _MATRIX))
+EXTRACTION = _struct(
+    **_numbers('background_dn noise_dn psf_sigma_px exposure_least_s exposure_most_s streak_u_px '
+               'streak_v_px streak_roll_rad streak_at_u_px streak_at_v_px'),
+    **_numbers('centroids centroids_left_out rejected rejected_listed', 'i4'),
+    rejected_by_kind=('i4', _REJECTIONS), windowed='i4', reason=REASON)
+IDENTIFICATION = _struct(
+    attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'),
+    **_numbers('status stars body_centroids candidates', 'i4'), reason=REASON)
+TRACKING = _struct(
+    attitude=ATTITUDE, frame_attitude=ATTITUDE, **_numbers('residual_px stamp_sigma_s'),
+    **_numbers('state gyro tracks tracks_left_out predictions stars_matched frames_since_fix '
+               'late_frames rejected_centroids checks_passed', 'i4'),
+    reason=REASON, contradiction=REASON, gyro_trouble=REASON)
+TRUSTED = _struct(attitude=ATTITUDE, reason=REASON)
+RESULT = _struct(
+    attitude=ATTITUDE, budget=BUDGET, reason=REASON, extraction=EXTRACTION,
+    identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
+    **_numbers('aberration reserved', 'i4'))
+
+STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
+           if isinstance(kind, np.dtype) and not name.startswith('_')}
+"""All structs by their name in the header."""
+
+
+def this_abi() -> np.ndarray:
+    """Return the st_abi of these types."""
+    abi = np.zeros((), ABI)
+    abi['version'] = VERSION
+    for name in ABI.names[1:]:  # type: ignore[index]  # a struct has names
+        abi[name] = STRUCTS[{'track': 'st_star_track'}.get(name, f'st_{name}')].itemsize
+    return abi
+
+
+# --- the library ---
+
+_POINTER, _COUNT, _STATUS, _TEXT = (
+    ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_char_p)
+FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    'st_check_abi': (_STATUS, (_POINTER,)),
+    'st_build_text': (_TEXT, ()),
+    'st_status_text': (_TEXT, (_STATUS,)),
+    'st_defaults': (_STATUS, (_POINTER, _POINTER)),
+    'st_check_config': (_STATUS, (_POINTER, _POINTER)),
+    'st_check_camera': (_STATUS, (_POINTER, _POINTER)),
+    'st_project': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
+    'st_unproject': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
+    'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT))}
+"""What each function returns and takes."""
+
+
+@cache
+def library(path: Path = LIBRARY) -> ctypes.CDLL:
+    """Return the library, loaded once; NativeError where it is not of this version."""
+    if not path.is_file():
+        raise NativeError(f'{path} is missing: {REMEDY}')
+    try:
+        loaded = ctypes.CDLL(str(path))
+        for name, (result, arguments) in FUNCTIONS.items():
+            function = getattr(loaded, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise NativeError(f'{path} is not a library of this version and machine ({error}): '
+                          f'{REMEDY}') from error
+    status = loaded.st_check_abi(this_abi().ctypes.data)
+    if status:
+        raise NativeError(f'{path}: {loaded.st_status_text(status).decode()}: {REMEDY}')
+    return loaded
+
+
+def build_text() -> str:
+    """Return compiler, oldest processor and version of the library, in a line."""
+    return str(library().st_build_text().decode())
+
+
+def check(status: int, fault: np.ndarray | None = None) -> None:
+    """Raise NativeError for a status that is not ok, with the number that was refused."""
+    if not status:
+        return
+    text = library().st_status_text(status).decode()
+    if fault is not None and fault['name']:
+        name = ctypes.string_at(int(fault['name'])).decode()
+        text = (f'{name} = {fault["value"]:g} is not within {fault["least"]:g} .. '
+                f'{fault["most"]:g}: {text}')
+    raise NativeError(text)
+
+
+def defaults() -> np.ndarray:
+    """Return a CONFIG with all options at their defaults."""
+    config, abi = np.zeros((), CONFIG), this_abi()
+    check(library().st_defaults(config.ctypes.data, abi.ctypes.data))
+    return config
