@@ -68,7 +68,7 @@ SWING_MEMORY = 0.93  # of the sums of the fit of w
 FASTEST = -1.0  # 2 cos(w dt): three frames in a period
 SIGNIFICANT_ENERGY = 200.0  # of a swing, over the variance of the noise; that of noise: 55
 FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
-SEEN_UNEVENLY = 0.05
+SEEN_UNEVENLY = 0.07
 """Of the amplitude of a vibration: what the fit of a star that it moves within the exposure is off
 by, 1 sigma."""
 MISSED, MISSED_AHEAD = 1e-5, 4e-5
