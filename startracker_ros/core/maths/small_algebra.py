@@ -39,6 +39,34 @@ def determinant(A: np.ndarray) -> float:
 
 
 @compiled
+def inverse_and_determinant(A: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return those of A (n, n), by Gauss and Jordan with pivots; not finite if singular."""
+    n, left, right, product = len(A), A.copy(), np.eye(len(A)), 1.0
+    for column in range(n):
+        pivot = column
+        for row in range(column + 1, n):
+            if abs(left[row, column]) > abs(left[pivot, column]):
+                pivot = row
+        if pivot != column:
+            product = -product
+            for k in range(n):
+                left[column, k], left[pivot, k] = left[pivot, k], left[column, k]
+                right[column, k], right[pivot, k] = right[pivot, k], right[column, k]
+        product *= left[column, column]
+        scale = 1 / left[column, column]
+        for k in range(n):
+            left[column, k] *= scale
+            right[column, k] *= scale
+        for row in range(n):
+            factor = left[row, column]
+            if row != column and factor != 0:
+                for k in range(n):
+                    left[row, k] -= factor * left[column, k]
+                    right[row, k] -= factor * right[column, k]
+    return right, product
+
+
+@compiled
 def is_positive_definite(A: np.ndarray) -> bool:
     """Return whether the leading minors of the upper left block of A are positive (Sylvester)."""
     xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]

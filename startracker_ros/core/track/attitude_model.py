@@ -306,7 +306,7 @@ class AttitudeModel(StarModel):
         if with_gyro:
             dt_s, rates, variance = self._gyro.rates(self._motion.stamp_ns, stamp_ns)
         return predicted(self._motion, stamp_ns, dt_s, rates, variance, self._acceleration_rad_s2,
-                         self._gyro.drift_density)
+                         np.full(3, self._gyro.drift_density))
 
     def _corrected(self, hypothesis: _Hypothesis, correction: Correction, frame: Centroids,
                    common: np.ndarray) -> Motion:
