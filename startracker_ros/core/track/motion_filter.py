@@ -53,6 +53,10 @@ SIZE = np.array([1.0, 0.02, 0.2, 2.0, 20.0, 0.1, 1.0, 100.0, 1000.0])
 acceleration in units of that of the options."""
 
 SUDDEN = SIZE >= 20.0  # modes of motions that begin within a frame
+SMOOTH = np.flatnonzero(SIZE < 2.0)
+WIDE = [np.array([mode]) for mode in np.flatnonzero(KIND == JUMP)]
+"""Modes tried one after the other where a frame is not as the mixture of all has it."""
+UNEXPECTED = 1e-3  # probability of the mode of the frame before, by the rates of a gyro since
 
 STAYS = 0.95  # probability that a mode lasts to the next frame
 NEGLIGIBLE = 1e-2  # share of a mode that is not mixed into it
@@ -139,13 +143,20 @@ def restarted(motion: Motion, state: AttitudeState) -> Motion:
     """Return a motion that goes on from a state, which is known without its modes."""
     mean, P = motion.mean.copy(), motion.covariance.copy()
     mean[:, :3], mean[:, 3:6], mean[:, 9:12] = 0.0, state.rate, state.drift
-    mean[:, 12:] = constants_of(motion)
+    mean[:, 12:] = motion.weight @ motion.mean[:, 12:]
     seen = np.r_[0:6, 9:mean.shape[1]]
     P[:, 6:9, seen] = 0.0
     P[:, seen, 6:9] = 0.0
     P[np.ix_(range(len(P)), seen, seen)] = state.covariance
     return motion._replace(stamp_ns=state.stamp_ns, quaternion=state.quaternion, mean=mean,
                            covariance=P, weight=motion.share)
+
+
+def resumed(motion: Motion, known: Motion) -> Motion:
+    """Return a motion that has begun anew, with what was known of how the body moves."""
+    return motion._replace(
+        weight=known.weight, share=known.share, noise=known.noise, interval_s=known.interval_s,
+        frames=known.frames, swing=known.swing)
 
 
 def interrupted(motion: Motion) -> Motion:
@@ -155,23 +166,27 @@ def interrupted(motion: Motion) -> Motion:
     return motion._replace(swing=swing)
 
 
-def constants_of(motion: Motion) -> np.ndarray:
-    """Return the constants (K,) of the mixture."""
-    constants: np.ndarray = motion.weight @ motion.mean[:, 12:]
-    return constants
-
-
 def state_of(motion: Motion, modes: np.ndarray | None = None) -> AttitudeState:
-    """
-    Return attitude, rate and drift of the mixture, or of some modes of it.
+    """Return attitude, rate and drift of the mixture, or of some modes of it."""
+    return state_and_constants(motion, motion.weight if modes is None else weight_of(
+        motion, modes))[0]
 
-    With K constants the covariance is (9 + K, 9 + K).
+
+def weight_of(motion: Motion, modes: np.ndarray) -> np.ndarray:
+    """Return the weights (M,) of some modes, zero for the others."""
+    weight = np.zeros(len(KIND))
+    weight[modes] = motion.weight[modes]
+    return weight
+
+
+def state_and_constants(motion: Motion, weight: np.ndarray) -> tuple[AttitudeState, np.ndarray]:
     """
-    weight = motion.weight
-    if modes is not None:
-        weight = np.zeros(len(KIND))
-        weight[modes] = motion.weight[modes]
-    return AttitudeState(motion.stamp_ns, *_moments(motion, weight))
+    Return the mixture by weights (M,), not normalised, and its constants (K,).
+
+    The covariance of the state (9 + K, 9 + K) has these as well.
+    """
+    *state, constants = _moments(motion, weight)
+    return AttitudeState(motion.stamp_ns, *state), constants
 
 
 @compiled
@@ -197,14 +212,15 @@ def mixture(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
 
 @compiled
 def _moments(motion: Motion, weight: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return quaternion, rate, drift and the covariance (N - 3, N - 3), of modes of weight (M,)."""
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return quaternion, rate, drift, covariance (N - 3, N - 3), constants, by weights (M,)."""
     mean, P = mixture(weight, motion.mean, motion.covariance)
     n = len(P) - 3
     seen = np.empty((n, n))
     seen[:6, :6], seen[6:, 6:] = P[:6, :6], P[9:, 9:]
     seen[:6, 6:], seen[6:, :6] = P[:6, 9:], P[9:, :6]
-    return turned(motion.quaternion, mean[:3]), mean[3:6].copy(), mean[9:12].copy(), seen
+    return (turned(motion.quaternion, mean[:3]), mean[3:6].copy(), mean[9:12].copy(), seen,
+            mean[12:].copy())
 
 
 @compiled
@@ -569,6 +585,18 @@ def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
             away = abs(mean[j, k] - middle[k]) + tail * math.sqrt(covariance[j, k, k])
             least[k] = max(least[k], (away / WRONG_SIGMAS) ** 2)
     return least
+
+
+@compiled
+def with_tails(motion: Motion, covariance: np.ndarray) -> np.ndarray:
+    """Return a covariance (6, 6) of turn and rate with no less than least_variances()."""
+    least = least_variances(motion.weight, motion.mean, motion.covariance)
+    # When a motion begins does not show in the rate of a frame: of what has been seen.
+    least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
+                                motion.covariance)[3:]
+    after = covariance.copy()
+    np.fill_diagonal(after, np.maximum(np.diag(after), least))
+    return after
 
 
 @compiled
