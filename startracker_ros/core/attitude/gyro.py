@@ -229,12 +229,14 @@ class Gyro:
             stamps_ns = self._stamps_ns[first - 1:after]
             if stamps_ns[-1] <= stamps_ns[0]:
                 continue
-            seconds = np.diff(stamps_ns) * 1e-9
+            measured_ns = np.array(stamps_ns)
+            seconds = (measured_ns[1:] - measured_ns[:-1]) * 1e-9
             times_ns.append(max((stamps_ns[-1] + stamps_ns[0]) // 2, times_ns[-1]))
             rates.append(seconds @ np.array(self._rates[first:after]) / seconds.sum())
             variances.append(self.noise_density / seconds.sum())
         times_ns.append(to_ns)
-        return (np.diff(times_ns) * 1e-9, np.array(rates).reshape(-1, 3), np.array(variances))
+        dt_s = [(after - before) * 1e-9 for before, after in zip(times_ns, times_ns[1:])]
+        return np.array(dt_s), np.array(rates).reshape(-1, 3), np.array(variances)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""

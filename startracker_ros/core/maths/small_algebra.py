@@ -39,6 +39,36 @@ def determinant(A: np.ndarray) -> float:
 
 
 @compiled
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Return A B of A (n, m) and B (m, k)."""
+    after = np.zeros((len(A), B.shape[1]))
+    for i in range(len(A)):
+        for j in range(len(B)):
+            for k in range(B.shape[1]):
+                after[i, k] += A[i, j] * B[j, k]
+    return after
+
+
+@compiled
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return A x of A (n, m) and x (m,)."""
+    after = np.zeros(len(A))
+    for i in range(len(A)):
+        for j in range(len(x)):
+            after[i] += A[i, j] * x[j]
+    return after
+
+
+@compiled
+def inner(x: np.ndarray, y: np.ndarray) -> float:
+    """Return x^T y of x, y (n,)."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * y[i]
+    return total
+
+
+@compiled
 def inverse_and_determinant(A: np.ndarray) -> tuple[np.ndarray, float]:
     """Return those of A (n, n), by Gauss and Jordan with pivots; not finite if singular."""
     n, left, right, product = len(A), A.copy(), np.eye(len(A)), 1.0

@@ -44,7 +44,7 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, rotation_between, turned)
 from startracker_ros.core.maths.small_algebra import (
-    determinant, inverse, inverse_and_determinant)
+    determinant, inner, inverse, inverse_and_determinant, product, times)
 
 STEADY, TORQUE, SWING, JUMP = 0, 1, 2, 3
 KIND = np.array([STEADY, TORQUE, TORQUE, TORQUE, TORQUE, SWING, SWING, JUMP, JUMP])
@@ -416,18 +416,14 @@ def _correct_by_rate(x: np.ndarray, P: np.ndarray, measured: np.ndarray, varianc
         S[i, i] += variance
         z[i] = measured[i] - x[3 + i] - x[9 + i]
     information = inverse(S)
-    gain, log = cross @ information, math.log(determinant(S))
+    gain, log = product(cross, information), math.log(determinant(S))
     for i in range(n):
         for k in range(i + 1):
             P[i, k] -= gain[i, 0] * cross[k, 0] + gain[i, 1] * cross[k, 1] + (
                 gain[i, 2] * cross[k, 2])
             P[k, i] = P[i, k]
-    for i in range(3):
-        for k in range(3):
-            log += z[i] * information[i, k] * z[k]
-    for i in range(n):
-        x[i] += gain[i, 0] * z[0] + gain[i, 1] * z[1] + gain[i, 2] * z[2]
-    return -log / 2
+    x += times(gain, z)
+    return -(log + inner(z, times(information, z))) / 2
 
 
 @compiled
@@ -476,23 +472,24 @@ def updated(motion: Motion, quaternion: np.ndarray, rate: np.ndarray, informatio
     """
     count, n, size = len(motion.weight), len(vector), motion.mean.shape[1]
     mean, covariance, logs = motion.mean.copy(), motion.covariance.copy(), np.empty(count)
-    base, H = np.zeros(n), np.zeros((n, size))
+    base, H_T = np.zeros(n), np.zeros((size, n))
     base[:3] = rotation_between(motion.quaternion, quaternion)
     if n > 3:
         base[3:] = rate
     base += moved
-    H[:, :n], H[:, 6:6 + beside.shape[1]] = np.eye(n), beside
-    H_T = np.ascontiguousarray(H.T)
+    H_T[:n], H_T[6:6 + beside.shape[1]] = np.eye(n), beside.T
+    H = np.ascontiguousarray(H_T.T)
     for j in range(count):
         if motion.weight[j] == 0:
             logs[j] = -np.inf
             continue
         P = covariance[j]
-        columns = P @ H_T
-        S, away = H @ columns, base - H @ mean[j]
-        y = vector + information @ away
-        solved, det = inverse_and_determinant(np.eye(n) + information @ S)
-        gained, rows = solved @ y, columns @ (solved @ information)
+        columns = product(P, H_T)
+        S, away = product(H, columns), base - times(H, mean[j])
+        seen = times(information, away)
+        y = vector + seen
+        solved, det = inverse_and_determinant(np.eye(n) + product(information, S))
+        gained, rows = times(solved, y), product(columns, product(solved, information))
         for i in range(size):
             for k in range(i + 1):
                 total = 0.0
@@ -500,9 +497,9 @@ def updated(motion: Motion, quaternion: np.ndarray, rate: np.ndarray, informatio
                     total += rows[i, m] * columns[k, m]
                 P[i, k] -= total
                 P[k, i] = P[i, k]
-        mean[j] += columns @ gained
-        logs[j] = -(math.log(det) + 2 * (away @ vector)
-                    + away @ information @ away - y @ S @ gained) / 2
+        mean[j] += times(columns, gained)
+        logs[j] = -(math.log(det) + 2 * inner(away, vector) + inner(away, seen)
+                    - inner(y, times(S, gained))) / 2
     weight = _by_logs(motion.weight, logs)
     frames = min(motion.frames + 1, MOST_FRAMES)
     share = motion.share + (by_experience(weight, motion.share) - motion.share) / frames
