@@ -294,7 +294,7 @@ class AttitudeFusion:
 
     def _result(self) -> FusedAttitude:
         state = self._history[-1].state
-        P = with_tails(state.motion, state.covariance[:6, :6])
+        P = with_tails(state.motion, state.covariance[:6, :6].copy())
         self._previous = sign_continuous(state.quaternion, self._previous)
         return FusedAttitude(
             state.stamp_ns, self._previous, P[:3, :3] + self._lasting_rad2 * np.eye(3), state.rate,

@@ -28,7 +28,8 @@ from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
     course, interrupted, lacking, MISSED_LIGHT, Motion, of_vibration, predicted, restarted,
-    resumed, SMOOTH, started, state_of, SUDDEN, tail_sigmas, UNEXPECTED, updated, WIDE, with_measured, with_tails)
+    resumed, SMOOTH, started, state_of, SUDDEN, tail_sigmas, UNEXPECTED, updated, WIDE,
+    with_measured, with_tails)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
