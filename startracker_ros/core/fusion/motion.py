@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the body moves from one frame to the next: by the gyro, at a constant rate, or both."""
+"""How the body moves from one frame to the next: by its modes of motion, the gyro, or both."""
 
 import math
 
@@ -122,7 +122,7 @@ class BodyMotion:
         return _by_experience(self._predicted(state.motion, to_ns, 1.0))
 
     def at_constant_rate(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
-        """Return it at a constant rate; factor is that of the acceleration of the options."""
+        """Return it at a constant rate, with a factor of the acceleration of the options."""
         motion = self._predicted(state.motion, to_ns, factor)
         return FusedState.of(motion, weight_of(motion, np.array([STEADY])))
 

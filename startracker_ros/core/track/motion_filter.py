@@ -93,9 +93,9 @@ class Motion(NamedTuple):
     quaternion (4,) is the mean attitude, q_icrf_from_sensor. Of the M modes: mean (M, N) of the
     error state [turn from the quaternion, rate, acceleration, drift of the gyro, constants] and
     covariance (M, N, N), weight (M,) the probabilities, share (M,) their means in the frames
-    before, of a number of frames. noise (3,) rad^2 is the variance of the attitude that the stars of a frame
-    measure, interval_s that of the frames, zero while unknown; swing (20,) is what is known of a
-    swing.
+    before, of a number of frames. noise (3,) rad^2 is the variance of the attitude that the stars
+    of a frame measure, interval_s that of the frames, zero while unknown; swing (20,) is what is
+    known of a swing.
     """
 
     stamp_ns: int
