@@ -256,7 +256,7 @@ def snapshots(runs: int, seed: int) -> np.ndarray:
 def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the error (3,) of a state without knowledge after covariances and errors (3,)."""
     north = np.array([0.0, 0.0, 0.0, 1.0])
-    state = FusedState.begun(AttitudeState(0, north, np.zeros(3), np.zeros(3),
+    state = FusedState.begin(AttitudeState(0, north, np.zeros(3), np.zeros(3),
                                            np.eye(BODY) * 1e-2), np.ones(3), 1.0, np.empty(0))
     for covariance, error in measured:
         state = state.updated(Measurement(

@@ -373,7 +373,7 @@ class AttitudeFusion:
         P[BODY:, BODY:] = covariance
         body = AttitudeState(first.stamp_ns, quaternions[0],
                              rotation_between(*quaternions) / dt_s, np.zeros(3), P)
-        state = FusedState.begun(
+        state = FusedState.begin(
             body, np.diagonal(head.measurement(first, coefficients[own]).covariance).copy(), dt_s,
             coefficients)
         if self._history:

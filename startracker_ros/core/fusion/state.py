@@ -75,7 +75,7 @@ class FusedState(NamedTuple):
         return cls(*state, coefficients, motion)
 
     @classmethod
-    def begun(cls, state: AttitudeState, noise: np.ndarray, interval_s: float,
+    def begin(cls, state: AttitudeState, noise: np.ndarray, interval_s: float,
               coefficients: np.ndarray) -> 'FusedState':
         """Return the state of a motion of which nothing else is known, as started()."""
         return cls.of(started(state, noise, interval_s, coefficients))
@@ -90,7 +90,7 @@ class FusedState(NamedTuple):
         covariance = self.covariance.copy()
         covariance[3:BODY], covariance[:, 3:BODY] = 0.0, 0.0
         covariance[3:BODY, 3:BODY] = np.diag(np.repeat([rate_sigma ** 2, drift_sigma ** 2], 3))
-        return FusedState.begun(
+        return FusedState.begin(
             self.body._replace(drift=np.zeros(3), covariance=covariance), self.motion.noise,
             self.motion.interval_s, self.coefficients)
 

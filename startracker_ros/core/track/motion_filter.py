@@ -153,7 +153,7 @@ def restarted(motion: Motion, state: AttitudeState) -> Motion:
 
 
 def resumed(motion: Motion, known: Motion) -> Motion:
-    """Return a motion that has begun anew, with what was known of how the body moves."""
+    """Return a motion that began anew, with what was known of how the body moves."""
     return motion._replace(
         weight=known.weight, share=known.share, noise=known.noise, interval_s=known.interval_s,
         frames=known.frames, swing=known.swing)

@@ -30,7 +30,7 @@ def state_with(mounts, rng):
     """Return a state with so many coefficients, which all modes share."""
     body = AttitudeState(0, random_attitude(rng), np.zeros(3), np.zeros(3),
                          TINY ** 2 * covariance(BODY + mounts, rng))
-    return FusedState.begun(body, np.full(3, TINY ** 2), 0.1, TINY * rng.standard_normal(mounts))
+    return FusedState.begin(body, np.full(3, TINY ** 2), 0.1, TINY * rng.standard_normal(mounts))
 
 
 def test_mounts_go_with_the_body_from_frame_to_frame(rng):
