@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 from startracker_ros.core.attitude.attitude_state import AttitudeState
-from startracker_ros.core.fusion.state import body_attitude, BODY, FusedState, Measurement
+from startracker_ros.core.fusion.state import BODY, body_attitude, FusedState, Measurement
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector,
