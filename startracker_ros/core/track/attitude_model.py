@@ -30,19 +30,15 @@ from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
-    by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED, MISSED_LIGHT,
-    Motion, of_vibration, predicted, restarted, SIZE, started, state_of, SUDDEN, tail_sigmas,
-    updated, with_measured)
+    course, interrupted, lacking, MISSED_LIGHT, Motion, of_vibration, predicted, restarted,
+    resumed, SMOOTH, started, state_of, SUDDEN, tail_sigmas, updated, WIDE, with_measured,
+    with_tails)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.core.track.start import Start
 from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 
-WIDE = [np.array([mode]) for mode in np.flatnonzero(KIND == JUMP)]
-"""Modes tried one after the other where the stars are not as the mixture of all has them."""
-
-SMOOTH = np.flatnonzero(SIZE < 2.0)
 LIKELY = LIKELY_INNOVATION.threshold
 
 STREAK_PX = 15.0
@@ -143,10 +139,7 @@ class AttitudeModel(StarModel):
 
     def resume(self, before: StarModel) -> None:
         if isinstance(before, AttitudeModel):
-            known = before._motion
-            self._motion = interrupted(self._motion._replace(
-                weight=known.weight, share=known.share, noise=known.noise,
-                interval_s=known.interval_s, frames=known.frames, swing=known.swing))
+            self._motion = interrupted(resumed(self._motion, before._motion))
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -285,7 +278,7 @@ class AttitudeModel(StarModel):
         if with_gyro:
             dt_s, rates, variance = self._gyro.rates(self._motion.stamp_ns, stamp_ns)
         return predicted(self._motion, stamp_ns, dt_s, rates, variance, self._acceleration_rad_s2,
-                         self._gyro.drift_density)
+                         np.full(3, self._gyro.drift_density))
 
     def _corrected(self, hypothesis: _Hypothesis, correction: Correction, frame: Centroids,
                    common: np.ndarray) -> Motion:
@@ -418,11 +411,8 @@ class AttitudeModel(StarModel):
                 self._gyro.drift_sigma_rad_s))
         self._motion, self.uses_gyro = motion, uses_gyro
         self._state = state_of(motion)
-        least = least_variances(motion.weight, motion.mean, motion.covariance, MISSED)
-        least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
-                                    motion.covariance, MISSED)[3:]
-        self._covariance = self._state.covariance[:6, :6] + of_vibration(motion)
-        np.fill_diagonal(self._covariance, np.maximum(np.diag(self._covariance), least))
+        self._covariance = with_tails(
+            motion, self._state.covariance[:6, :6] + of_vibration(motion))
 
     def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
         """Return the same, with what the filter has for motions and shaking beside the stars."""
