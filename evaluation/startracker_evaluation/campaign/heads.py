@@ -11,6 +11,7 @@ from startracker_evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
 from startracker_evaluation.campaign.integrity import CONDITIONS, run_of
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -255,11 +256,11 @@ def snapshots(runs: int, seed: int) -> np.ndarray:
 def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the error (3,) of a state without knowledge after covariances and errors (3,)."""
     north = np.array([0.0, 0.0, 0.0, 1.0])
-    state = FusedState(0, north, np.zeros(3), np.zeros(3), np.zeros(0),
-                       np.eye(BODY) * 1e-2)
+    state = FusedState.begin(AttitudeState(0, north, np.zeros(3), np.zeros(3),
+                                           np.eye(BODY) * 1e-2), np.ones(3), 1.0, np.empty(0))
     for covariance, error in measured:
-        state = state.updated(state.innovation(Measurement(
-            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0)))))
+        state = state.updated(Measurement(
+            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0))), 0)
     return 2 * state.quaternion[:3]
 
 

@@ -214,3 +214,26 @@ def test_the_correlated_error_is_that_of_the_flux_beside_the_stars(kick):
     still, stars = scene(0.7)
     none = pointing_error(still, mesh, 65535.0, np.pad(stars, ((0, 0), (0, 2))), False)
     assert np.trace(none) < 1e-9
+
+
+def test_parts_that_are_equally_bright_are_a_correlated_error():
+    """Some stars are fitted at the one part, some at the other: on the mean they are not off."""
+    image, stars = scene(0.7, kick=(-5.0, 2.0, 0.5))
+    fitted = np.pad(stars, ((0, 0), (0, 2)))
+    fitted[::2, :2] += (-5.0, 2.0)
+    fitted[:, 2] *= 0.5
+    mesh = measure_background(image, gaussian_kernel(1.0))
+    found = pointing_error(image, mesh, 65535.0, fitted, False)
+    assert 0.8 < np.trace(found) / (29 / 4 + UNCERTAIN ** 2 * 29 / 2) < 1
+
+
+def test_rings_about_the_stars_are_not_a_correlated_error():
+    """Those of a defocused lens, or of the aperture: symmetrical about centres between pixels."""
+    image, stars = scene(0.7)
+    y, x = np.mgrid[:image.shape[0], :image.shape[1]]
+    for u, v, flux, *_ in stars:
+        r = np.hypot(x - u, y - v)
+        image = image + 0.01 * flux * np.exp(-(r - 4.0) ** 2)
+    mesh = measure_background(image, gaussian_kernel(1.0))
+    found = pointing_error(image, mesh, 65535.0, np.pad(stars, ((0, 0), (0, 2))), False)
+    assert not found.any()

@@ -30,11 +30,9 @@ from statistics import NormalDist
 import numpy as np
 from startracker_ros.core.attitude.refinement import information
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.checks import PROTECTION
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.options import option, Options
-
-MISSED_DETECTION = 1e-4
-"""Share of false stars that no test rejects: what each rejected star says of the others."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def protection_level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.n
 def _multipliers(count: int, rejected: int, options: ProtectionOptions
                  ) -> tuple[float, float, float] | None:
     """Return k of no, one and two false stars of count, NaN if two are too rare; or None."""
-    false = options.false_star_probability + MISSED_DETECTION * rejected / max(count, 1)
+    false = options.false_star_probability + PROTECTION.probability * rejected / max(count, 1)
     one, two, three = (math.comb(count, k) * false ** k for k in (1, 2, 3))
     # Each axis has its own probability.
     left = (options.misleading_probability - three) / 3

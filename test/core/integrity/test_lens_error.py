@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from skies import CAMERA
 from startracker_ros.core.attitude.estimate import estimate_attitude
-from startracker_ros.core.attitude.systematic_errors import lens_covariance
+from startracker_ros.core.integrity.consistency import Residuals
+from startracker_ros.core.integrity.lens_error import LensError
+from startracker_ros.core.integrity.systematic_errors import lens_covariance
 from startracker_ros.core.maths.rotation import rotation_vector_from_quaternion
-from startracker_ros.core.track.consistency import Residuals
-from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.motion_models import image_jacobian
 
 SIGMA_PX = np.linspace(0.03, 0.2, 30)

@@ -8,24 +8,21 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
-from startracker_ros.core.attitude.protection import (
-    is_covariance, protection_level, ProtectionOptions)
 from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.core.camera.lens import Lens, project, rays, undistorted
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.checks import (
+    COVARIANCE, FEW_STARS, LARGE_CHI2, STAR_OUTLIER, STAR_RESIDUALS, TRACK_RESIDUALS)
+from startracker_ros.core.integrity.protection import (
+    is_covariance, protection_level, ProtectionOptions)
 from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import sign_continuous
 from startracker_ros.core.options import option, Options
 
-OUTLIER_SIGMA = 5.0
-"""Residual of a track beyond which its centroid is not that of the star."""
-
-FALSE_ALARM = 1e-3
-"""False-alarm probability of the chi-square test of the residuals. Scaling the covariance of
-every frame by its residuals would make it too large on average, by a quarter for four stars."""
+_OUTLIER_SIGMA = STAR_OUTLIER.sigmas
 
 UNUSED_SOLVER = (
     'attitude_estimator.solver = {} has no effect on the attitude of a star tracker: set '
@@ -104,7 +101,7 @@ class AttitudeValidator:
         from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.core.attitude.estimate import (
             AttitudeError, estimate_attitude, mean_chi2)
-        from startracker_ros.core.attitude.systematic_errors import with_observer_error
+        from startracker_ros.core.integrity.systematic_errors import with_observer_error
         known, icrf = _known(sky, hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
@@ -121,10 +118,10 @@ class AttitudeValidator:
             attitude = fit_error_ellipses(attitude, self._camera, uv, icrf, error_px2)
         residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
         if residual_px > self._options.max_residual_px:
-            return TrustedAttitude(
-                None, f'residual of {residual_px:.2f} px is above max_residual_px = '
-                f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        excess = attitude.chi2 / mean if attitude.chi2 > gate(FALSE_ALARM, mean) else 1.0
+            return TrustedAttitude(None, STAR_RESIDUALS.diagnostic.format(
+                residual_px=residual_px, limit=self._options.max_residual_px))
+        is_large = attitude.chi2 > gate(LARGE_CHI2.probability, mean)
+        excess = attitude.chi2 / mean if is_large else 1.0
         attitude = with_observer_error(
             replace(attitude, covariance_sensor=attitude.covariance_sensor * excess),
             sky.observer, sensor, sigma_rad, sky.motion(sky.onboard.index_of(hip[known])))
@@ -148,9 +145,8 @@ class AttitudeValidator:
         distance_px, rms_px = star_distances(
             self._camera.lens, tracked.quaternion, icrf, np.ascontiguousarray(uv))
         if not rms_px <= self._options.max_residual_px:
-            return TrustedAttitude(
-                None, f'the tracks are {rms_px:.2f} px from where tracked_attitude has them, '
-                f'max_residual_px is {self._options.max_residual_px:g}')
+            return TrustedAttitude(None, TRACK_RESIDUALS.diagnostic.format(
+                residual_px=rms_px, limit=self._options.max_residual_px))
         return self._trusted(AttitudeEstimate(
             tracked.quaternion, tracked.covariance_sensor, len(icrf),
             distance_px * self._camera.pixel_rad, tracked.chi2, tracked.budget), partial(
@@ -169,17 +165,16 @@ class AttitudeValidator:
         """Return an attitude with its protection level, unless its covariance is none."""
         covariance = attitude.covariance_sensor
         if not is_covariance(covariance):
-            return TrustedAttitude(
-                None, 'the covariance of the attitude is not positive definite, its diagonal is '
-                f'{np.diag(covariance).tolist()} rad^2: its errors are not known')
+            return TrustedAttitude(None, COVARIANCE.diagnostic.format(
+                variances=np.diag(covariance).tolist()))
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         if self._previous is not attitude.quaternion:
             attitude = replace(attitude, quaternion=self._previous)
         return TrustedAttitude(attitude, 'trusted', protection)
 
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
-        return TrustedAttitude(
-            None, f'{count} {kind} stars, min_stars is {self._options.min_stars}')
+        return TrustedAttitude(None, FEW_STARS.diagnostic.format(
+            count=count, kind=kind, limit=self._options.min_stars))
 
 
 def _known(sky: ApparentCatalog, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,6 +207,6 @@ def _tracked_stars(lens: Lens, pixel_rad: float, uv: np.ndarray, sigma_px: np.nd
     away_rad = np.empty(len(uv))
     for n in range(len(uv)):
         # A centroid further away is none of the star, and was not used.
-        away_px = min(residual_px[n], OUTLIER_SIGMA * sigma_px[n])
+        away_px = min(residual_px[n], _OUTLIER_SIGMA * sigma_px[n])
         away_rad[n] = 0.0 if np.isnan(residual_px[n]) else away_px * pixel_rad
     return rays(lens.equidistant, undistorted(lens, uv)), sigma_px * pixel_rad, away_rad

@@ -4,7 +4,7 @@
 """Compiled fits of residuals against NumPy's decomposition."""
 
 import numpy as np
-from startracker_ros.core.track.consistency import fit_rows, lens_sums
+from startracker_ros.core.integrity.consistency import fit_rows, lens_sums
 
 AXIS, HEIGHT, STEPS = np.array([500.0, 510.0]), 1024, 12
 

@@ -35,6 +35,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.checks import STAMP_ERRORS
 from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.small_algebra import inverse
 from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
@@ -45,7 +46,7 @@ PREDICTED = 6.0
 """Variance of a prediction of an oscillation by three attitudes, over that of one of them."""
 
 FADES = 0.98  # from frame to frame, a variance that the last frames alone do not show
-DOUBT_S, DOUBT_FRAMES = 5e-3, 10
+DOUBT_S, DOUBT_FRAMES = STAMP_ERRORS.limits['first_s'], STAMP_ERRORS.frames
 """What stamps of frames that are stamped on arrival err by, on a machine that is not loaded."""
 
 MEAN_SIZE = 4.7
@@ -132,11 +133,8 @@ class StampJitter:
 
 FRAMES = 20  # whose times are compared
 LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as this
-LEAST_PRODUCTS = 3
-# Times the variance of the measured time by the centroids, of many products and of few.
-SIGNIFICANT, FEW = 2.5, 15.0
-EXPECTED = 2.0  # the same once the stamps have erred, or may do
-SHAKEN = 2.0  # times what a camera that shakes moves across its rate as well
+LEAST_PRODUCTS, SIGNIFICANT, FEW, EXPECTED, SHAKEN = (
+    STAMP_ERRORS.limits[name] for name in ('products', 'many', 'few', 'expected', 'shaken'))
 
 
 class Differences(NamedTuple):

@@ -10,13 +10,13 @@ seconds a rate that is off by e is seen once e T exceeds the noise of both and t
 """
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import Gyro
+from startracker_ros.core.integrity.checks import GYRO_DIFFERS
 from startracker_ros.core.maths.compiled_rotation import rotation_between
 
 LONGEST = 100  # frames, after which the comparison begins anew
 AGAIN = 30  # frames that must agree after a contradiction
-CONTRADICTIONS = 2  # frames in a row: the light of one may be that of a body that was kicked
 
 
 class GyroAgreement:
@@ -58,11 +58,12 @@ class GyroAgreement:
         self._compared += 1
         self._reference, predicted = self._gyro.predict(self._reference, stamp_ns)
         turn = rotation_between(predicted.quaternion, quaternion)
-        if turn @ np.linalg.solve(predicted.covariance[:3, :3] + covariance, turn) <= NIS_GATE:
+        S = predicted.covariance[:3, :3] + covariance
+        if turn @ np.linalg.solve(S, turn) <= GYRO_DIFFERS.threshold:
             self._agreed, self._against = self._agreed + 1, 0
             return False
         self._against += 1
-        if self._against < CONTRADICTIONS:
+        if self._against < GYRO_DIFFERS.frames:
             return False
         self.contradict()
         return True

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from skies import CAMERA
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.integrity.consistency import expected_stars, Residuals, RowPattern
 from startracker_ros.core.maths.rotation import conjugate, random_attitude, rotate
-from startracker_ros.core.track.consistency import expected_stars, Residuals, RowPattern
 from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.rolling_shutter import at_frame_time, fit_rate
 

@@ -21,24 +21,14 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.compiled import compiled, reordered
+from startracker_ros.core.integrity.checks import (
+    FIRST_LINE_TIME, LINE_TIME, MISSING_STARS, SECOND_IMAGE, TORN_FRAME)
 
-LEAST_STARS = 8
 STEPS = 12  # rows at which a frame may be torn
-SIGNIFICANT = 36.0  # improvement of chi-square: 6 sigma
-EXPLAINED = 0.5  # of chi-square, that the pattern explains,
-LEAST_STEP_PX = 0.1  # if it is so large over the image
-SLOPE_SIGNIFICANT, SLOPE_EXPLAINED = 20.0, 0.2  # of all frames together
-SLOPE_DOUBTFUL = 9.0  # in the first frames, which tell little: one start in 370 waits
-FIRST_FRAMES = 5
-LEAST_SLOPE_PX = 0.05
 MEMORY = 0.98  # of the slopes of the frames before
-REACH_PX = 80.0  # of an image of a missed star
+REACH_PX = SECOND_IMAGE.limits['reach_px']
 TOLERANCE_SHARE = 0.03  # of the shift
-LEAST_SHIFTED, SHIFTED_SHARE = 4, 0.2  # of the stars, which are another image
 MOST_COMPARED = 60  # missed stars: the time grows with their square
-MOST_MISSED = 0.4  # of the stars that should be seen,
-PLACED_SHARE = 0.7  # if so many centroids for each are no star
-PRESENT_PX, PRESENT_SIGMAS = 0.5, 5.0  # distance of a centroid that is that of a star
 
 
 class Residuals(NamedTuple):
@@ -67,7 +57,7 @@ class RowPattern:
 
     def find(self, stars: Residuals) -> str:
         """Return which pattern the residuals have, in words; empty for none."""
-        if len(stars.uv) < LEAST_STARS:
+        if len(stars.uv) < TORN_FRAME.limits['stars']:
             return ''
         height = self._camera.height
         found = strongest_pattern(*stars, self._axis_px, height, STEPS)
@@ -79,19 +69,18 @@ class RowPattern:
             MEMORY * before + value / scatter for before, value in zip(
                 self._slope, (found.line_product, found.line_energy, chi2 - dof)))
         shift_s = found.product / found.energy
-        if (found.best and gain > SIGNIFICANT * max(1.0, (chi2 - gain) / dof)
-                and gain > EXPLAINED * chi2 and abs(shift_s) * speed_px_s > LEAST_STEP_PX):
-            row = (found.edge + 0.5) * height
-            return (f'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: '
-                    'a torn frame')
+        if (found.best and gain > TORN_FRAME.threshold * max(1.0, (chi2 - gain) / dof)
+                and gain > TORN_FRAME.limits['explained_share'] * chi2
+                and abs(shift_s) * speed_px_s > TORN_FRAME.limits['step_px']):
+            return TORN_FRAME.diagnostic.format(
+                row=(found.edge + 0.5) * height, shift_s=shift_s)
         line_s = product / energy / height
         self._frames += 1
-        significant = SLOPE_DOUBTFUL if self._frames <= FIRST_FRAMES else SLOPE_SIGNIFICANT
-        if (product ** 2 / energy > significant
-                and abs(line_s) * height * speed_px_s > LEAST_SLOPE_PX
-                and product ** 2 / energy > SLOPE_EXPLAINED * excess):
-            return (f'the residuals grow along the rows: line_time_us is off by '
-                    f'{1e6 * line_s:.3g} us')
+        check = FIRST_LINE_TIME if self._frames <= FIRST_LINE_TIME.frames else LINE_TIME
+        if (product ** 2 / energy > check.threshold
+                and abs(line_s) * height * speed_px_s > LINE_TIME.limits['slope_px']
+                and product ** 2 / energy > LINE_TIME.limits['explained_share'] * excess):
+            return check.diagnostic.format(line_us=1e6 * line_s)
         return ''
 
 
@@ -106,17 +95,19 @@ def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
     """
     unseen, left = _alone(expected, uv, present_px)
     missed, free = len(unseen), uv[left]
-    if missed < LEAST_SHIFTED or len(free) < LEAST_SHIFTED:
+    shifted, missing = SECOND_IMAGE.limits, MISSING_STARS.limits
+    if min(missed, len(free)) < shifted['stars']:
         return ''
     every = -(-missed // MOST_COMPARED)
     compared = unseen[::every]
     count, shift = _largest_group(expected[compared], velocity[compared], free, present_px)
-    if count >= LEAST_SHIFTED and every * count >= SHIFTED_SHARE * len(expected):
-        return (f'{every * count} of {len(expected)} stars are seen {shift:.1f} px from where the '
-                'others have them: a torn frame or a second image')
-    if missed > MOST_MISSED * len(expected) and len(free) > PLACED_SHARE * missed:
-        return (f'only {len(expected) - missed} of {len(expected)} stars that should be seen are, '
-                f'and {len(free)} centroids are no star')
+    if count >= shifted['stars'] and every * count >= shifted['share'] * len(expected):
+        return SECOND_IMAGE.diagnostic.format(
+            count=every * count, stars=len(expected), shift_px=shift)
+    if (missed > missing['missed_share'] * len(expected)
+            and len(free) > missing['placed_share'] * missed):
+        return MISSING_STARS.diagnostic.format(
+            seen=len(expected) - missed, stars=len(expected), free=len(free))
     return ''
 
 

@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.track.consistency import lens_sums, Residuals
+from startracker_ros.core.integrity.checks import LENS_ERROR
+from startracker_ros.core.integrity.consistency import lens_sums, Residuals
 
 MEMORY = 0.98  # of the sums of the frames before
-SIGNIFICANT = 4.0  # standard deviations of their mean by chance
-LEAST_STARS = 6
+_GATE = LENS_ERROR.threshold
 
 
 class LensError:
@@ -52,12 +52,12 @@ class LensError:
 
         Return whether lens has a scale for the first time.
         """
-        if len(star_index) < LEAST_STARS:
+        if len(star_index) < LENS_ERROR.limits['stars']:
             return False
         memory = self._memory = LensMemory(*add_residuals(
             self._memory, star_index, stars, self._axis_px, self.scale))
         scale = relative_scale(memory.outwards, memory.square)
-        significant = memory.product > SIGNIFICANT * math.sqrt(memory.chance)
+        significant = memory.product > LENS_ERROR.sigmas * math.sqrt(memory.chance)
         self.value_px = math.sqrt(memory.product / memory.weight) if significant else 0.0
         # The attitude of this frame is by the scale of the one before.
         self.scale_sigma = math.hypot(scale - self.scale,
@@ -96,7 +96,7 @@ class LensMemory(NamedTuple):
 @compiled
 def relative_scale(outwards: float, square: float) -> float:
     """Return the scale k = d^T W r / d^T W d, zero where it is not significant."""
-    return outwards / square if outwards ** 2 > SIGNIFICANT ** 2 * square else 0.0
+    return outwards / square if outwards ** 2 > _GATE * square else 0.0
 
 
 @compiled

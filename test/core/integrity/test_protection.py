@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 from startracker_evaluation.campaign.protection import exceedance, Field, probability_of
-from startracker_ros.core.attitude.protection import (
+from startracker_ros.core.integrity.protection import (
     is_covariance, protection_level, ProtectionOptions)
 
 FIELD = Field.random(14, np.random.default_rng(3))

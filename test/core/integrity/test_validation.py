@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.attitude.estimate import estimate_attitude, SOLVERS
-from startracker_ros.core.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.integrity.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, quaternion_from_pointing)
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
