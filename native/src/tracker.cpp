@@ -3,14 +3,13 @@
 
 // A tracker: its memory, and the order of its stages.
 
+#include "tracker.h"
+
 #include <cmath>
 #include <cstring>
 #include <new>
 
-#include "centroid/extraction_stage.h"
 #include "centroid/spots.h"
-#include "maths/arena.h"
-#include "startracker.h"
 
 using namespace st;
 
@@ -19,29 +18,12 @@ namespace {
 constexpr int64_t MOST_PIXELS = int64_t{1} << 27;
 constexpr int DERIVED_PREDICTIONS = 1000;
 
-}  // namespace
-
-struct st_tracker {
-    st_config config;
-    int width, height;
-    ExtractionStage extraction;
-    List<st_centroid> centroids;
-    List<st_rejected> rejected;
-    Arena work;  // given back after each call
-};
-
-namespace {
-
 int most_centroids(const st_config &config) {
     const st_extraction_options &options = config.extraction;
     const int most =
         options.max_stars > options.max_stars_lost ? options.max_stars : options.max_stars_lost;
     return config.capacities.centroids > 0 ? config.capacities.centroids
                                            : most + options.max_stars;
-}
-
-int most_predictions(const st_config &config) {
-    return config.capacities.predictions > 0 ? config.capacities.predictions : DERIVED_PREDICTIONS;
 }
 
 /// What a tracker needs: itself, what stays between calls, and work memory.
@@ -79,19 +61,6 @@ st_status check(const st_config *config, const st_camera *camera, st_fault *faul
     return config->stages == ST_EXTRACTS ? ST_OK : ST_NO_STAGE;
 }
 
-/// Whether an image is one of the camera of a tracker.
-bool is_of_camera(const st_tracker &tracker, const st_image &image) {
-    if (image.cell < 1 || image.width_px < 1 || image.height_px < 1 ||
-        image.width_px != tracker.width / image.cell ||
-        image.height_px != tracker.height / image.cell ||
-        (image.type != ST_GREY8 && image.type != ST_GREY16)) {
-        return false;
-    }
-    const int64_t bytes = image.type == ST_GREY16 ? 2 : 1;
-    return image.stride_bytes >= bytes * image.width_px && image.stride_bytes % bytes == 0 &&
-           reinterpret_cast<uintptr_t>(image.pixels) % static_cast<uintptr_t>(bytes) == 0;
-}
-
 /// Whether predictions are finite, stars first.
 bool are_possible(const st_prediction *predictions, size_t count) {
     bool target = false;
@@ -105,21 +74,6 @@ bool are_possible(const st_prediction *predictions, size_t count) {
         target |= one.hip == 0;
     }
     return true;
-}
-
-/// Return an image as uint16: that of the caller, or a copy of one of 8 bits.
-Image image_of(const st_image &image, Arena &arena) {
-    const int width = image.width_px, height = image.height_px;
-    if (image.type == ST_GREY16) {
-        return {static_cast<const uint16_t *>(image.pixels), width, height,
-                static_cast<ptrdiff_t>(image.stride_bytes / 2), 16};
-    }
-    auto *copy = arena.take<uint16_t>(static_cast<size_t>(width) * static_cast<size_t>(height));
-    for (int v = 0; v < height; ++v) {
-        widen_row(static_cast<const uint8_t *>(image.pixels) + v * image.stride_bytes, width,
-                  copy + static_cast<ptrdiff_t>(v) * width);
-    }
-    return {copy, width, height, width, 8};
 }
 
 /// Return a star in the pixels of a camera, where those of the image are cell x cell each.
@@ -138,9 +92,52 @@ st_centroid in_camera(st_centroid star, double cell) {
     return star;
 }
 
-/// Fill the lists of a tracker and the result with what was found.
+template <class T>
+const T *listed(const List<T> &list, size_t *count) {
+    if (count != nullptr) {
+        *count = static_cast<size_t>(list.count);
+    }
+    return list.item;
+}
+
+}  // namespace
+
+namespace st {
+
+int most_predictions(const st_config &config) {
+    return config.capacities.predictions > 0 ? config.capacities.predictions : DERIVED_PREDICTIONS;
+}
+
+bool is_of_camera(const st_tracker &tracker, const st_image &image) {
+    if (image.cell < 1 || image.width_px < 1 || image.height_px < 1 ||
+        image.width_px != tracker.width / image.cell ||
+        image.height_px != tracker.height / image.cell ||
+        (image.type != ST_GREY8 && image.type != ST_GREY16)) {
+        return false;
+    }
+    const int64_t bytes = image.type == ST_GREY16 ? 2 : 1;
+    return image.stride_bytes >= bytes * image.width_px && image.stride_bytes % bytes == 0 &&
+           reinterpret_cast<uintptr_t>(image.pixels) % static_cast<uintptr_t>(bytes) == 0;
+}
+
+Image image_of(const st_image &image, Arena &arena) {
+    const int width = image.width_px, height = image.height_px;
+    if (image.type == ST_GREY16) {
+        return {static_cast<const uint16_t *>(image.pixels), width, height,
+                static_cast<ptrdiff_t>(image.stride_bytes / 2), 16};
+    }
+    auto *copy = arena.take<uint16_t>(static_cast<size_t>(width) * static_cast<size_t>(height));
+    for (int v = 0; v < height; ++v) {
+        widen_row(static_cast<const uint8_t *>(image.pixels) + v * image.stride_bytes, width,
+                  copy + static_cast<ptrdiff_t>(v) * width);
+    }
+    return {copy, width, height, width, 8};
+}
+
 void publish(st_tracker &tracker, const Extraction &found, double cell,
-             st_extraction &extraction) {
+             const ExposureLimits &exposure, bool windowed, st_extraction &extraction) {
+    tracker.centroids.clear();
+    tracker.rejected.clear();
     List<st_centroid> stars = found.stars;
     if (stars.count > tracker.centroids.capacity) {
         sort_by_flux(stars, tracker.work);
@@ -153,7 +150,6 @@ void publish(st_tracker &tracker, const Extraction &found, double cell,
         one.v_px = cell * one.v_px + (cell - 1) / 2;
         tracker.rejected.add(one);
     }
-    const ExposureLimits exposure = tracker.extraction.exposure();
     const Streak unknown{NAN, NAN, NAN, NAN, NAN};
     const Streak &streak = found.streaked ? found.streak : unknown;
     extraction = {};
@@ -173,19 +169,11 @@ void publish(st_tracker &tracker, const Extraction &found, double cell,
     extraction.rejected_listed = tracker.rejected.count;
     std::memcpy(extraction.rejected_by_kind, found.rejections.by_kind,
                 sizeof(extraction.rejected_by_kind));
-    extraction.windowed = tracker.extraction.windowed() ? 1 : 0;
+    extraction.windowed = windowed ? 1 : 0;
     extraction.reason = found.reason;
 }
 
-template <class T>
-const T *listed(const List<T> &list, size_t *count) {
-    if (count != nullptr) {
-        *count = static_cast<size_t>(list.count);
-    }
-    return list.item;
-}
-
-}  // namespace
+}  // namespace st
 
 extern "C" {
 
@@ -259,14 +247,13 @@ st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *imag
     if (stamp_ns < 0 || predicted_ns < 0 || !are_possible(predictions, count)) {
         return ST_BAD_INPUT;
     }
-    tracker->centroids.clear();
-    tracker->rejected.clear();
     const Arena::Scope scope(tracker->work);
     const Extraction &found = tracker->extraction.process(
         stamp_ns, image_of(*image, tracker->work),
         {predictions, static_cast<int>(count), predicted_ns, image->cell}, lost != 0,
         tracker->work);
-    publish(*tracker, found, image->cell, *extraction);
+    publish(*tracker, found, image->cell, tracker->extraction.exposure(),
+            tracker->extraction.windowed(), *extraction);
     return ST_OK;
 }
 

@@ -204,12 +204,13 @@ struct Extractor::Work {
     Arena &arena;
 };
 
-Extractor::Extractor(const st_extraction_options &options, const ExtractionLimits &limits)
+Extractor::Extractor(const st_extraction_options &options, const ExtractionLimits &limits,
+                     double threshold_factor)
     : options_(options), limits_(limits) {
     const double fixed_dn = options.threshold == ST_THRESHOLD_FIXED ? options.threshold_dn : 0.0;
     threshold_ = {fixed_dn > 0 ? 0.0 : options.threshold_sigma, fixed_dn};
     point_options_ = {static_cast<st_centroid_method>(options.method),
-                      {fixed_dn, options.threshold == ST_THRESHOLD_ITERATIVE, 1.0},
+                      {fixed_dn, options.threshold == ST_THRESHOLD_ITERATIVE, threshold_factor},
                       threshold_.sigmas};
     line_time_s_ = options.line_time_us * (options.readout_up != 0 ? -1e-6 : 1e-6);
 }
@@ -330,6 +331,24 @@ void Extractor::search_near(const Image &image, const Place *places, const doubl
     }
     found.streaked = as_streaks;
     finish(frame, searched.sigma_px, options_.max_stars, found, arena);
+}
+
+int Extractor::measure_widths(const Image &image, const Searched &searched, int iterations,
+                              FreeStar *stars, int most, Arena &arena) const {
+    const Arena::Scope scope(arena);
+    Image seen = image;
+    if (searched.contamination.any()) {
+        Rejections ignored;
+        seen = cleaned(image, searched.mesh, searched.contamination, searched.sigma_px, ignored,
+                       arena);
+    }
+    const Frame frame =
+        prepared(seen, searched.kernel.sigma_px, searched.contamination.hits, arena);
+    const int peaks = frame.search.peaks.count < most ? frame.search.peaks.count : most;
+    return fit_free_sigma(frame, frame.search.peaks.item, peaks,
+                          initial_noise_model(frame.background_dn(),
+                                              frame.noise_dn() * frame.noise_dn()),
+                          searched.sigma_px, iterations, stars, arena);
 }
 
 Frame Extractor::prepared(const Image &image, double filter_px, bool has_hits,
@@ -548,8 +567,9 @@ size_t work_bytes(int width, int height, const ExtractionLimits &limits) {
                          Arena::padded<uint16_t>(static_cast<size_t>(height));
     const size_t lists = Arena::padded<st_centroid>(static_cast<size_t>(limits.stars)) +
                          Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));
-    // Frames: as it comes, cleaned, with a filter that matches, and with two wide ones.
-    return 5 * frame + 4 * lists + Arena::padded<uint16_t>(size) + points_bytes(limits.peaks) +
+    // Frames: as it comes, cleaned, with a filter that matches, and with two wide ones. One of the
+    // lists is that of a call on the ground.
+    return 5 * frame + 5 * lists + Arena::padded<uint16_t>(size) + points_bytes(limits.peaks) +
            streak_search_bytes(width, height) + streak_stars_bytes(MOST_STREAK_PEAKS) +
            3 * Arena::padded<Peak>(peaks) + 28 * size + (size_t{1} << 21);
 }

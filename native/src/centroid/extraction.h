@@ -101,7 +101,9 @@ struct SearchHow {
 class Extractor {
 public:
     Extractor() = default;
-    Extractor(const st_extraction_options &options, const ExtractionLimits &limits);
+    /// threshold_factor falsifies the threshold of the means of pixels.
+    Extractor(const st_extraction_options &options, const ExtractionLimits &limits,
+              double threshold_factor = 1.0);
 
     /// Find the stars of an image. streak is the motion of the exposure where it is known, else
     /// null; before what the last image of this camera left that was searched. Return whether
@@ -116,6 +118,11 @@ public:
     void search_near(const Image &image, const Place *places, const double *radius_px, int count,
                      const Streak *streak, Searched &searched, Extraction &found,
                      Arena &arena) const;
+
+    /// Fit a PSF sigma to each star of the highest peaks, as fit_free_sigma(), at most `most` of
+    /// them; searched is what a search of this image has left. Return how many there are.
+    int measure_widths(const Image &image, const Searched &searched, int iterations,
+                       FreeStar *stars, int most, Arena &arena) const;
 
 private:
     struct Work;

@@ -4,6 +4,7 @@
 #include "centroid/pointing_error.h"
 
 #include <cmath>
+#include <cstring>
 
 #include "maths/sorting.h"
 
@@ -15,9 +16,11 @@ constexpr int MOST_STARS = 8, LEAST_STARS = 3;
 // of the third, and so many standard deviations.
 constexpr double FAINTEST = 1.0 / 3, CONFIRMED_SIGMAS = 3.0;
 constexpr int REACH_PX = 10;  // beyond the ends of a streak
+constexpr int MARGIN_PX = 2;   // for what is between pixels
 constexpr int MOST_REACH_PX = 24, MOST_SIZE = 2 * MOST_REACH_PX + 1;
-// Of the stars: a kick may exchange the brighter and the fainter part for some.
-constexpr int QUANTILE_PERCENT = 65;
+constexpr int MOST_WIDE = MOST_SIZE + 2 * MARGIN_PX;
+constexpr int QUANTILE_PERCENT = 65;  // of the stars
+constexpr double SHARED_SHARE = 0.7, SHARED_PART = 0.3;  // of the bright stars with so much of it
 constexpr double SMOOTHING_PX = 0.8;
 constexpr double LOWEST = -1e300;  // before the first value
 constexpr int TAPS = 5, MIDDLE_TAP = 2;
@@ -34,14 +37,15 @@ constexpr int kept_of(int stars) {
 }
 
 constexpr int MOST_KEPT = kept_of(MOST_STARS);
-static_assert(kept_of(LEAST_STARS) <= MOST_KEPT && MOST_SIZE <= MOST_COLUMNS);
+static_assert(kept_of(LEAST_STARS) <= MOST_KEPT && MOST_WIDE <= MOST_COLUMNS);
 
 struct Figure {
     double value[MOST_SIZE * MOST_SIZE];
 };
 
 struct Work {
-    Figure left, smooth, half, largest[MOST_KEPT];
+    Figure left, smooth, half, first, largest[MOST_KEPT];
+    double own[MOST_WIDE * MOST_WIDE], between[MOST_WIDE];  // a star with its margin
     Profile<double> columns, rows;
 };
 
@@ -53,11 +57,11 @@ int rounded(double value) {
 /// many there are.
 int choose(const Image &image, const StreakStar *stars, int count, int reach, double full_scale_dn,
            int *chosen) {
+    const int far = reach + MARGIN_PX;
     int used = 0;
     for (int i = 0; i < count && used < MOST_STARS; ++i) {
         const int u = rounded(stars[i][U]), v = rounded(stars[i][V]);
-        bool good =
-            reach <= u && u < image.width - reach && reach <= v && v < image.height - reach;
+        bool good = far <= u && u < image.width - far && far <= v && v < image.height - far;
         for (int j = 0; good && j < i; ++j) {
             good = std::fabs(stars[j][U] - u) > reach || std::fabs(stars[j][V] - v) > reach;
         }
@@ -74,10 +78,25 @@ int choose(const Image &image, const StreakStar *stars, int count, int reach, do
     return used;
 }
 
-/// Put what the fit of a star leaves over its flux among the largest values of each pixel so far,
-/// which ascend.
-void add_left(const Image &image, const Mesh &mesh, const StreakStar &star, bool streaked,
-              int reach, int kept, Work &work) {
+/// Weights of pixels -1, 0, 1, 2 for the value at a part 0 .. 1 of a pixel. Cubic convolution, Keys,
+/// IEEE Trans. Acoust. Speech Signal Process. 29, 1981, equation 15.
+struct Cubic {
+    double weight[4];
+
+    explicit Cubic(double part)
+        : weight{((1 - 0.5 * part) * part - 0.5) * part, (1.5 * part - 2.5) * part * part + 1,
+                 ((2 - 1.5 * part) * part + 0.5) * part, (0.5 * part - 0.5) * part * part} {}
+
+    /// Return the value between four pixels that are a step apart.
+    double between(const double *pixel, int step) const {
+        return weight[0] * pixel[0] + weight[1] * pixel[step] + weight[2] * pixel[2 * step] +
+               weight[3] * pixel[3 * step];
+    }
+};
+
+/// Fill own with what the fit of a star leaves over its flux, about its pixel.
+void own_left(const Image &image, const Mesh &mesh, const StreakStar &star, bool streaked,
+              int reach, Work &work) {
     const int size = 2 * reach + 1, u = rounded(star[U]), v = rounded(star[V]);
     const int left = u - reach, top = v - reach;
     const double level = background_at(mesh, u, v).level, per_flux = 1 / star[FLUX];
@@ -88,17 +107,60 @@ void add_left(const Image &image, const Mesh &mesh, const StreakStar &star, bool
     for (int y = 0; y < size; ++y) {
         const uint16_t *seen = image.row(top + y) + left;
         const double sky = level + slope.down * (y - reach), share_of_row = work.rows.share[y];
+        double *own = work.own + y * size;
         for (int x = 0; x < size; ++x) {
             const double share = streaked ? shape.share_at(left + x, top + y)
                                           : share_of_row * work.columns.share[x];
-            double value = (seen[x] - sky - slope.across * (x - reach)) * per_flux - share;
-            // The smaller of two values goes on to the next place.
-            for (int k = kept - 1; k >= 0; --k) {
-                double &place = work.largest[k].value[y * size + x];
-                const double before = place;
-                place = value > before ? value : before;
-                value = value > before ? before : value;
-            }
+            own[x] = (seen[x] - sky - slope.across * (x - reach)) * per_flux - share;
+        }
+    }
+}
+
+/// Fill left with the part of own that is reach about the centre of a star, resampled about it.
+void resample(double u, double v, int reach, Work &work) {
+    const int size = 2 * reach + 1, wide = size + 2 * MARGIN_PX;
+    const Cubic across(u - std::floor(u)), down(v - std::floor(v));
+    // The first one of four pixels that are weighted.
+    const int first_x = static_cast<int>(std::floor(u)) - rounded(u) + MARGIN_PX - 1;
+    const int first_y = static_cast<int>(std::floor(v)) - rounded(v) + MARGIN_PX - 1;
+    for (int y = 0; y < size; ++y) {
+        const double *own = work.own + (first_y + y) * wide;
+        for (int x = 0; x < wide; ++x) {
+            work.between[x] = down.between(own + x, wide);
+        }
+        double *left = work.left.value + y * size;
+        for (int x = 0; x < size; ++x) {
+            left[x] = across.between(work.between + first_x + x, 1);
+        }
+    }
+}
+
+/// Put A(d) of a star, with the sign of that of the first one, among the largest values of each
+/// pixel so far, which ascend.
+void add_odd(const Image &image, const Mesh &mesh, const StreakStar &star, bool streaked,
+             int reach, int kept, bool is_first, Work &work) {
+    const int area = (2 * reach + 1) * (2 * reach + 1);
+    own_left(image, mesh, star, streaked, reach + MARGIN_PX, work);
+    resample(star[U], star[V], reach, work);
+    const double *left = work.left.value;
+    double *odd = work.half.value, *first = work.first.value;
+    double inner = 0.0;
+    for (int d = 0; d < area; ++d) {
+        odd[d] = left[d] - left[area - 1 - d];
+        first[d] = is_first ? odd[d] : first[d];
+        inner += odd[d] * first[d];
+    }
+    const double sign = inner < 0 ? -1.0 : 1.0;
+    for (int d = 0; d < area; ++d) {
+        odd[d] *= sign;
+    }
+    // The smaller of two values goes on to the next place.
+    for (int k = kept - 1; k >= 0; --k) {
+        double *largest = work.largest[k].value;
+        for (int d = 0; d < area; ++d) {
+            const double value = odd[d], before = largest[d];
+            largest[d] = value > before ? value : before;
+            odd[d] = value > before ? before : value;
         }
     }
 }
@@ -146,14 +208,15 @@ double odd_part(const Image &image, const Mesh &mesh, const StreakStar *stars, c
         }
     }
     for (int i = 0; i < count; ++i) {
-        add_left(image, mesh, stars[chosen[i]], streaked, reach, kept, work);
+        add_odd(image, mesh, stars[chosen[i]], streaked, reach, kept, i == 0, work);
     }
-    const double *L = work.largest[0].value;
+    double *deviation = work.half.value;
+    std::memcpy(deviation, work.largest[0].value, static_cast<size_t>(area) * sizeof(double));
+    const double middle = median(deviation, area);
     for (int d = 0; d < area; ++d) {
-        work.left.value[d] = L[d] - L[area - 1 - d];
+        work.left.value[d] = work.largest[0].value[d] - middle;
     }
     smooth(size, work);
-    double *deviation = work.half.value;
     for (int d = 0; d < area; ++d) {
         deviation[d] = std::fabs(work.smooth.value[d]);
     }
@@ -220,7 +283,16 @@ Matrix2 pointing_error(const Image &image, const Mesh &mesh, double full_scale_d
         }
     }
     noise = odd_part(image, mesh, stars, chosen, bright, streaked, reach, work);
-    if (!(work.smooth.value[place] > CONFIRMED_SIGMAS * noise)) {
+    const double seen = work.smooth.value[place];
+    if (!(seen > CONFIRMED_SIGMAS * noise)) {
+        return {};
+    }
+    int shared = 0;
+    for (int i = 0; i < bright; ++i) {
+        odd_part(image, mesh, stars, chosen + i, 1, streaked, reach, work);
+        shared += std::fabs(work.smooth.value[place]) > SHARED_PART * seen ? 1 : 0;
+    }
+    if (shared < SHARED_SHARE * bright) {
         return {};
     }
     double total = 1.0, b_u = 0.0, b_v = 0.0, uu = 0.0, uv = 0.0, vv = 0.0;

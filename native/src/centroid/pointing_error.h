@@ -7,14 +7,17 @@
 // A camera that is kicked or vibrates during the exposure draws the same figure of every star. A fit
 // finds the brightest part of it, the same part of every star, so that no residual shows the error.
 // What the fits leave, over the flux and about the fitted position d = 0, is the same image of all
-// stars: L(d), for each pixel an upper quantile over the brightest stars, which neighbours and hits
-// of one of them do not move.
+// stars, L(d), with neighbours and hits of single ones.
 //
-// Flux that is the same on both sides does not move a star, whatever the shape of its image: a ring
-// of a defocused lens, a wing, the spikes of a spider. What counts is the odd part,
+// Flux that is the same on both sides does not move a star, whatever the shape of its image: rings
+// of an aperture or a defocused lens, a wing, the spikes of a spider. What counts is the odd part of
+// each star, resampled about its fitted centre,
 //
 //     A(d) = L(d) - L(-d)
 //
+// Where two parts are equally bright, some stars are fitted at the one, some at the other, which
+// changes the sign of A: it is made that of the brightest star. Of the stars an upper quantile
+// counts, which neighbours and hits of single ones do not move, if most have it in their own images.
 // Where A exceeds its noise, A > 0 is flux beside the fitted star, of a total of 1 + sum A. The mean
 // pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the common error
 // is
