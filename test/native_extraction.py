@@ -18,6 +18,7 @@ from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.stages.extraction import SearchOptions
+from startracker_ros.io.images.images import read_image
 
 KINDS = ('edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide', 'not_fitted',
          'faint', 'not_streaked', 'disc', 'line')
@@ -276,14 +277,33 @@ def images() -> dict[str, np.ndarray]:
     return found
 
 
+OPTIONS = [
+    ExtractionOptions(threshold='fixed', threshold_dn=200.0),
+    ExtractionOptions(threshold='iterative', method='grey'),
+    ExtractionOptions(method='squared', max_stars=5),
+    ExtractionOptions(method='thresholded', psf_sigma_px=1.1),
+    ExtractionOptions(method='binary', line_time_us=20.0, readout_direction='up')]
+PHOTOGRAPHS = [*sorted((ROOT / 'test' / 'data' / 'night-sky-11deg').glob('*.tiff'))[:2],
+               *sorted((ROOT / 'test' / 'data' / 'night-sky-6deg').glob('*.png'))[:2]]
+
+
+def cases() -> dict[str, tuple[np.ndarray, ExtractionOptions]]:
+    """Return images, photographs and one image with other options, by name."""
+    simulated, plain = images(), ExtractionOptions()
+    return ({name: (image, plain) for name, image in simulated.items()}
+            | {path.stem: (read_image(path), plain) for path in PHOTOGRAPHS}
+            | {f'{options.threshold} {options.method}': (simulated['30 stars'], options)
+               for options in OPTIONS})
+
+
 # --- what Python found in them ---
 
 
 def record() -> None:
     """Write what Python finds in the images."""
     columns = {}
-    for name, image in images().items():
-        found = Found.by_python(CentroidExtractor().measure(image))
+    for name, (image, options) in cases().items():
+        found = Found.by_python(CentroidExtractor(options).measure(image))
         columns.update({f'{name}/{field}': np.asarray(getattr(found, field))
                         for field in Found._fields})
     np.savez_compressed(RECORDED, **columns)
