@@ -1,11 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Extraction of stars by the native core, images for it, and what Python found in them.
-
-python test/native_extraction.py records the latter.
-"""
+"""Extraction of stars by the native core, images for it, and what Python found in them."""
 
 import ctypes
 from typing import NamedTuple
@@ -15,13 +11,12 @@ import numpy as np
 from scipy.special import erf
 from startracker_ros.core import native
 from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
+    Extraction, ExtractionOptions, native_options)
+from startracker_ros.core.centroid.image_tracker import KINDS
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.stages.extraction import SearchOptions
 from startracker_ros.io.images.images import read_image
 
-KINDS = ('edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide', 'not_fitted',
-         'faint', 'not_streaked', 'disc', 'line')
 REASONS = {0: 'ok', 100: 'too_small', 101: 'blank', 102: 'saturated', 103: 'too_many',
            104: 'no_stars', 105: 'no_stars', 106: 'torn', 107: 'repeated', 108: 'repeated',
            109: 'readout', 110: 'streak'}
@@ -102,13 +97,8 @@ def config_of(options: ExtractionOptions = ExtractionOptions(),
     assert kernels().st_defaults(config.ctypes.data, abi.ctypes.data) == 0
     config['stages'] = 1
     given = config['extraction']
-    for name in ('threshold_sigma', 'threshold_dn', 'psf_sigma_px', 'exposure_s', 'line_time_us',
-                 'max_stars'):
-        given[name] = getattr(options, name)
-    given['threshold'] = ('sigma', 'fixed', 'iterative').index(options.threshold)
-    given['method'] = ('gaussian', 'binary', 'grey', 'squared', 'thresholded').index(
-        options.method)
-    given['readout_up'] = options.readout_direction == 'up'
+    for name, value in native_options(options).items():
+        given[name] = value
     given['search_period_s'], given['max_stars_lost'] = (
         search.search_period_s, search.max_stars_lost)
     return config
@@ -299,16 +289,6 @@ def cases() -> dict[str, tuple[np.ndarray, ExtractionOptions]]:
 # --- what Python found in them ---
 
 
-def record() -> None:
-    """Write what Python finds in the images."""
-    columns = {}
-    for name, (image, options) in cases().items():
-        found = Found.by_python(CentroidExtractor(options).measure(image))
-        columns.update({f'{name}/{field}': np.asarray(getattr(found, field))
-                        for field in Found._fields})
-    np.savez_compressed(RECORDED, **columns)
-
-
 def recorded() -> dict[str, Found]:
     """Return what Python found in each of the images."""
     with np.load(RECORDED) as columns:
@@ -317,6 +297,3 @@ def recorded() -> dict[str, Found]:
                               else columns[f'{name}/{field}'].item() for field in Found._fields))
                 for name in names}
 
-
-if __name__ == '__main__':
-    record()

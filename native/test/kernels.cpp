@@ -6,11 +6,15 @@
 #include <cstring>
 
 #include "camera/lens.h"
+#include "centroid/connected.h"
+#include "centroid/exposure.h"
+#include "centroid/hits.h"
 #include "centroid/noise_fit.h"
 #include "centroid/point_stars.h"
 #include "centroid/pointing_error.h"
 #include "centroid/psf_sigma.h"
 #include "centroid/shape.h"
+#include "centroid/spots.h"
 #include "centroid/streak_search.h"
 #include "centroid/streak_stars.h"
 #include "maths/gates.h"
@@ -447,6 +451,71 @@ void stt_pointing_error(const stt_frame *given, const double *star, int32_t coun
     Arena work(arena.take<std::byte>(pointing_error_bytes()), pointing_error_bytes());
     into(covariance, pointing_error(frame.image, frame.mesh, frame.full_scale_dn, stars, count,
                                     streaked != 0, work));
+}
+
+void stt_filter(const uint16_t *image, int32_t width, int32_t height, double sigma_px,
+                double *by_rows, double *by_pixels, double *noise_gain) {
+    Arena arena = arena_of_tests();
+    const Kernel kernel = gaussian_kernel(sigma_px);
+    const Image whole{image, width, height, width, 16};
+    auto *line = arena.take<float>(static_cast<size_t>(width + 2 * MOST_WEIGHTS));
+    auto *row = arena.take<float>(static_cast<size_t>(width));
+    for (int v = 0; v < height; ++v) {
+        const uint16_t *rows[2 * MOST_WEIGHTS];
+        for (int k = 0; k <= 2 * kernel.radius; ++k) {
+            rows[k] = whole.row(mirrored(v + k - kernel.radius, height));
+        }
+        filter_down(rows, kernel, width, line);
+        filter_across(line, kernel, 0, width, row);
+        for (int u = 0; u < width; ++u) {
+            by_rows[v * width + u] = row[u];
+            by_pixels[v * width + u] = filtered_at(whole, kernel, u, v);
+        }
+    }
+    *noise_gain = kernel.noise_gain;
+}
+
+int32_t stt_connect(int32_t *mask, int32_t width, int32_t height) {
+    Arena arena = arena_of_tests();
+    return connect({mask, width, height}, arena);
+}
+
+void stt_hits(const uint16_t *image, int32_t width, int32_t height, const double *places,
+              int32_t count, double level_dn, double noise_dn, double sigma_px, double *hit) {
+    const Image whole{image, width, height, width, 16};
+    for (int i = 0; i < count; ++i) {
+        Peak peak{};
+        peak.u = static_cast<int>(places[2 * i]);
+        peak.v = static_cast<int>(places[2 * i + 1]);
+        peak.level = level_dn;
+        hit[i] = is_hit(whole, peak, noise_dn, least_share(sigma_px)) ? 1.0 : 0.0;
+    }
+}
+
+void stt_choose(const double *places, int32_t count, int32_t width, int32_t height, int32_t most,
+                double cell_share, double *chosen) {
+    Arena arena = arena_of_tests();
+    const auto n = static_cast<size_t>(count);
+    auto *place = arena.take<Place>(n);
+    auto *good = arena.take<uint8_t>(n);
+    for (int i = 0; i < count; ++i) {
+        place[i] = {places[2 * i], places[2 * i + 1]};
+    }
+    choose(place, count, width, height, most, cell_share, good);
+    for (int i = 0; i < count; ++i) {
+        chosen[i] = good[i];
+    }
+}
+
+void stt_exposure(double given_s, const double *shown, int32_t count, double exposure[3]) {
+    Exposure learnt(given_s);
+    for (int i = 0; i < count; ++i) {
+        learnt.add(shown[2 * i], shown[2 * i + 1]);
+    }
+    const ExposureLimits limits = learnt.limits();
+    exposure[0] = learnt.seconds();
+    exposure[1] = limits.least_s;
+    exposure[2] = limits.most_s;
 }
 
 }  // extern "C"

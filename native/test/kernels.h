@@ -114,6 +114,24 @@ ST_API void stt_measure_streaks(const stt_frame *frame, const double *places, in
 ST_API void stt_pointing_error(const stt_frame *frame, const double *star, int32_t count,
                                int32_t streaked, double covariance[4]);
 
+/* ---- steps of a search --------------------------------------------------------------------- */
+
+/* An image (height, width) after the filter of a PSF sigma: by rows as in a search, and pixel by
+ * pixel; and the gain of its noise. */
+ST_API void stt_filter(const uint16_t *image, int32_t width, int32_t height, double sigma_px,
+                       double *by_rows, double *by_pixels, double *noise_gain);
+/* Numbers the spots of a mask (height, width), from 1 on; returns how many there are. */
+ST_API int32_t stt_connect(int32_t *mask, int32_t width, int32_t height);
+/* The pixels places (count, 2), with levels and noise, that are sharper than a star: hit (count). */
+ST_API void stt_hits(const uint16_t *image, int32_t width, int32_t height, const double *places,
+                     int32_t count, double level_dn, double noise_dn, double sigma_px,
+                     double *hit);
+/* chosen (count) is 1 for places (count, 2) that are. */
+ST_API void stt_choose(const double *places, int32_t count, int32_t width, int32_t height,
+                       int32_t most, double cell_share, double *chosen);
+/* Exposure and its limits after images that show one, each shown (count, 2) with a weight. */
+ST_API void stt_exposure(double given_s, const double *shown, int32_t count, double exposure[3]);
+
 #ifdef __cplusplus
 }
 #endif

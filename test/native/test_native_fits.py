@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The fits of the native core give what the Python ones gave: fits.npz, of record_native_fits.py.
+The fits of the native core give what those in Python gave: fits.npz.
 
 Discrete results are equal. Fits of points sum in float32, so that they agree to some 1e-6 of
 themselves or of their errors, and those of streaks, which sum in float64, to 1e-9.

@@ -563,7 +563,7 @@ size_t work_bytes(int width, int height, const ExtractionLimits &limits) {
     const auto size = static_cast<size_t>(width) * static_cast<size_t>(height);
     const auto peaks = static_cast<size_t>(limits.peaks);
     const size_t frame = 2 * Arena::padded<double>(most_tiles(width, height)) +
-                         Arena::padded<Peak>(peaks) + 2 * Arena::padded<Pixel>(peaks) +
+                         Arena::padded<Peak>(peaks) + 2 * Arena::padded<Pixel>(2 * peaks) +
                          Arena::padded<uint16_t>(static_cast<size_t>(height));
     const size_t lists = Arena::padded<st_centroid>(static_cast<size_t>(limits.stars)) +
                          Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));

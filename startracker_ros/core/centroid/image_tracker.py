@@ -161,7 +161,7 @@ class ImageTracker:
         if across != image.itemsize or down < width * across or down % across or (
                 not image.flags.aligned):
             image = np.require(image, None, ['C', 'A'])
-            down = image.strides[0]
+            down = width * image.itemsize
         self._image[()] = (image.ctypes.data, down, width, height, image.itemsize == 2, cell)
         return image
 
