@@ -9,7 +9,7 @@ import time
 import numpy as np
 from startracker_evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
-from startracker_evaluation.campaign.integrity import CONDITIONS, run_of
+from startracker_evaluation.campaign.integrity import CONDITIONS, NEES_BOUNDS, run_of
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
@@ -447,7 +447,8 @@ def _rows_snapshots(case: str, rows: np.ndarray) -> list[Row]:
 def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows[:, :4].sum(axis=0)
     cpu_us = float(np.median(rows[:, 4]))
-    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=2.4, most=3.3),
+    low, high = NEES_BOUNDS
+    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=low, most=high),
             Row('heads drop in and out: fused frames', frames, 'frames'),
             *_wrong_rows('heads drop in and out', wrong, gross),
             Row('processor time of a frame', cpu_us, 'us', most=300)]
@@ -455,7 +456,8 @@ def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
 
 def _rows_motions(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows.sum(axis=0)
-    return [Row(f'{case}: mean NEES', nees / frames, '', least=2.0, most=3.8),
+    low, high = NEES_BOUNDS
+    return [Row(f'{case}: mean NEES', nees / frames, '', least=low, most=high),
             Row(f'{case}: wrong attitudes', wrong, 'frames', f'<= {WRONG_SHARE:g} of the frames',
                 wrong <= WRONG_SHARE * frames),
             Row(f'{case}: gross attitudes', gross, 'frames', exactly=0)]
