@@ -296,4 +296,3 @@ def recorded() -> dict[str, Found]:
         return {name: Found(*(columns[f'{name}/{field}'] if columns[f'{name}/{field}'].ndim
                               else columns[f'{name}/{field}'].item() for field in Found._fields))
                 for name in names}
-

@@ -3,12 +3,11 @@
 
 // Calls of startracker_ground.h: steps of the extraction by themselves.
 
-#include "startracker_ground.h"
-
 #include <cmath>
 #include <cstring>
 
 #include "centroid/spots.h"
+#include "startracker_ground.h"
 #include "tracker.h"
 
 using namespace st;
@@ -71,9 +70,9 @@ bool is_finite(const st_streak &streak) {
 
 /// Return the streak of a caller, which may be null: then there is none.
 Streak streak_of(const st_streak *given) {
-    return given == nullptr ? Streak{}
-                            : Streak{given->u_px, given->v_px, given->roll_rad, given->at_u_px,
-                                     given->at_v_px};
+    return given == nullptr
+               ? Streak{}
+               : Streak{given->u_px, given->v_px, given->roll_rad, given->at_u_px, given->at_v_px};
 }
 
 Extraction empty_result(st_tracker &tracker) {
@@ -130,9 +129,9 @@ st_status st_search(st_tracker *tracker, const st_image *image, const st_search_
     Extraction found = empty_result(*tracker);
     const Streak motion = streak_of(streak);
     const SearchHow how{options->most_stars, options->points_only != 0, options->narrow != 0};
-    const Extractor extractor(
-        tracker->config.extraction, limits_of(tracker->config, width, height),
-        options->threshold_factor);
+    const Extractor extractor(tracker->config.extraction,
+                              limits_of(tracker->config, width, height),
+                              options->threshold_factor);
     *kept = extractor.search(image_of(*image, work), streak == nullptr ? nullptr : &motion, known,
                              how, found, left, work)
                 ? 1

@@ -332,9 +332,8 @@ int most_peaks(int width, int height) {
 Search find_peaks(const Image &image, const Kernel &kernel, const Mesh &mesh,
                   const Threshold &threshold, int capacity, Arena &arena) {
     const auto most = static_cast<size_t>(capacity);
-    Search search{arena.list<Peak>(most), arena.list<Pixel>(2 * most),
-                  arena.list<Pixel>(2 * most), 0,
-                  arena.take<uint16_t>(static_cast<size_t>(image.height))};
+    Search search{arena.list<Peak>(most), arena.list<Pixel>(2 * most), arena.list<Pixel>(2 * most),
+                  0, arena.take<uint16_t>(static_cast<size_t>(image.height))};
     search_rows(image, kernel, mesh, threshold, search, arena);
     const Arena::Scope scope(arena);
     sort(search.peaks.item, search.peaks.count, arena.take<Peak>(most), precedes);

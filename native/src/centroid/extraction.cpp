@@ -345,10 +345,10 @@ int Extractor::measure_widths(const Image &image, const Searched &searched, int 
     const Frame frame =
         prepared(seen, searched.kernel.sigma_px, searched.contamination.hits, arena);
     const int peaks = frame.search.peaks.count < most ? frame.search.peaks.count : most;
-    return fit_free_sigma(frame, frame.search.peaks.item, peaks,
-                          initial_noise_model(frame.background_dn(),
-                                              frame.noise_dn() * frame.noise_dn()),
-                          searched.sigma_px, iterations, stars, arena);
+    return fit_free_sigma(
+        frame, frame.search.peaks.item, peaks,
+        initial_noise_model(frame.background_dn(), frame.noise_dn() * frame.noise_dn()),
+        searched.sigma_px, iterations, stars, arena);
 }
 
 Frame Extractor::prepared(const Image &image, double filter_px, bool has_hits,

@@ -16,10 +16,10 @@ constexpr int MOST_STARS = 8, LEAST_STARS = 3;
 // of the third, and so many standard deviations.
 constexpr double FAINTEST = 1.0 / 3, CONFIRMED_SIGMAS = 3.0;
 constexpr int REACH_PX = 10;  // beyond the ends of a streak
-constexpr int MARGIN_PX = 2;   // for what is between pixels
+constexpr int MARGIN_PX = 2;  // for what is between pixels
 constexpr int MOST_REACH_PX = 24, MOST_SIZE = 2 * MOST_REACH_PX + 1;
 constexpr int MOST_WIDE = MOST_SIZE + 2 * MARGIN_PX;
-constexpr int QUANTILE_PERCENT = 65;  // of the stars
+constexpr int QUANTILE_PERCENT = 65;                     // of the stars
 constexpr double SHARED_SHARE = 0.7, SHARED_PART = 0.3;  // of the bright stars with so much of it
 constexpr double SMOOTHING_PX = 0.8;
 constexpr double LOWEST = -1e300;  // before the first value

@@ -3,7 +3,7 @@
 
 """The list of star images found in one frame."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -64,13 +64,6 @@ class Centroids:
         """Return a list without stars."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
 
-    def joined(self, other: 'Centroids') -> 'Centroids':
-        """Return these centroids followed by the others."""
-        columns = {column.name: np.concatenate([getattr(self, column.name),
-                                                getattr(other, column.name)])
-                   for column in fields(self) if column.name != 'exposure_s'}
-        return Centroids(**columns, exposure_s=self.exposure_s)
-
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
         if isinstance(chosen, np.ndarray) and chosen.dtype == bool and chosen.all():
@@ -78,21 +71,6 @@ class Centroids:
         return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
                          self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen],
                          self.common[chosen], self.exposure_s)
-
-    def brightest(self, most: int) -> 'Centroids':
-        """Return the centroids of most flux, in this order."""
-        if len(self) <= most and (self.flux[1:] <= self.flux[:-1]).all():
-            return self
-        return self.select(np.argsort(-self.flux, kind='stable')[:most])
-
-    def of_cells(self, cell: int) -> 'Centroids':
-        """Return them in the pixels of a camera, where those of the image are cell x cell each."""
-        if cell == 1:
-            return self
-        square = cell ** 2
-        return Centroids(cell * self.uv + (cell - 1) / 2, self.flux, self.snr,
-                         cell * self.sigma_px, square * self.covariance, cell * self.delay_s,
-                         square * self.common, self.exposure_s)
 
     @property
     def are_streaks(self) -> bool:

@@ -111,7 +111,7 @@ class CentroidExtractor:
     Finds the stars of mono8 and mono16 images.
 
     measure() is a pure function of image and options. search() and search_near() are so too;
-    what an image leaves for those after it is passed in and returned. One thread uses it at a time.
+    what an image leaves for those after it is passed in and returned. One thread at a time.
     """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
@@ -164,9 +164,9 @@ class CentroidExtractor:
     def measure_widths(self, image: np.ndarray, searched: Searched, most: int
                        ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return uv (K, 2) and PSF sigma (K,) px of the stars of the highest peaks of a searched image.
+        Return uv (K, 2) and PSF sigma (K,) px of stars of a searched image, each fitted by itself.
 
-        Each is fitted by itself.
+        They are those of the highest peaks, at most so many.
         """
         found = self._tracker_of(image).measure_widths(image, searched.block, most)
         return found[:, :2], found[:, 2]
@@ -174,7 +174,7 @@ class CentroidExtractor:
     def find_spots(self, image: np.ndarray, cell_share: float = CELL_SHARE, calm: bool = False
                    ) -> Centroids:
         """
-        Return the connected spots of any shape of an image (H, W), at most 60, the brightest first.
+        Return the connected spots of any shape of an image (H, W), at most 60, brightest first.
 
         No cell of the image gets more than cell_share of its share while others have any. Calm
         ones only: not those of trees, buildings and text, which are close together.

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A tracker of the native library that extracts stars of images, and its results as Python has them."""
+"""A tracker of the native library that extracts stars, and its results in Python."""
 
 import ctypes
 from typing import Any, NamedTuple
@@ -191,7 +191,7 @@ def aligned(size: int) -> np.ndarray:
 
 
 def _any_camera(shape: tuple[int, int]) -> np.ndarray:
-    """Return a camera with images of this shape (H, W): the lens plays no part in an extraction."""
+    """Return a camera with images of this shape (H, W): its lens plays no part here."""
     camera = np.zeros((), native.CAMERA)
     camera['height_px'], camera['width_px'] = shape
     camera['fx_px'] = camera['fy_px'] = 2.0 * max(shape)

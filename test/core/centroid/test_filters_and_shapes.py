@@ -5,7 +5,7 @@
 
 import cv2
 from native_core import call, filled
-from native_fits import pointing_error
+import native_fits
 import numpy as np
 import pytest
 from star_windows import field_without_background, moved, psf_image, windows_of
@@ -131,6 +131,12 @@ def scene(sigma_px, kick=None, side_px=256):
     return np.round(image).astype(np.uint16), stars
 
 
+def pointing_error(image, stars):
+    """Return the covariance (2, 2) px^2 of an error that stars (K, 5) of a scene share."""
+    return native_fits.pointing_error(
+        field_without_background(image, 300.0), np.pad(stars, ((0, 0), (0, 2))), False)
+
+
 @pytest.mark.parametrize('sigma_px', [0.6, 1.1, 2.2])
 def test_the_width_of_the_stars_and_those_near_predictions(sigma_px):
     image, stars = scene(sigma_px)
@@ -152,24 +158,24 @@ def test_the_correlated_error_is_that_of_the_flux_beside_the_stars(kick):
     image, stars = scene(0.7, kick=kick)
     d, share, fitted = np.array(kick[:2]), kick[2], stars.copy()
     fitted[:, 2] *= 1 - share
-    found = pointing_error(field_without_background(image, 300.0), np.pad(fitted, ((0, 0), (0, 2))), False)
+    found = pointing_error(image, fitted)
     b = share * d
     expected = np.outer(b, b) + UNCERTAIN ** 2 * np.outer(b, d)
     # The pixels below EXCESS_SHARE of the brightest one are left out, a tenth of the flux.
     assert 0.8 < np.trace(found) / np.trace(expected) < 1
     np.testing.assert_allclose(found / np.trace(found), expected / np.trace(expected), atol=0.01)
     still, stars = scene(0.7)
-    none = pointing_error(field_without_background(still, 300.0), np.pad(stars, ((0, 0), (0, 2))), False)
+    none = pointing_error(still, stars)
     assert np.trace(none) < 1e-9
 
 
 def test_parts_that_are_equally_bright_are_a_correlated_error():
     """Some stars are fitted at the one part, some at the other: on the mean they are not off."""
     image, stars = scene(0.7, kick=(-5.0, 2.0, 0.5))
-    fitted = np.pad(stars, ((0, 0), (0, 2)))
+    fitted = stars.copy()
     fitted[::2, :2] += (-5.0, 2.0)
     fitted[:, 2] *= 0.5
-    found = pointing_error(field_without_background(image, 300.0), fitted, False)
+    found = pointing_error(image, fitted)
     assert 0.8 < np.trace(found) / (29 / 4 + UNCERTAIN ** 2 * 29 / 2) < 1
 
 
@@ -181,5 +187,5 @@ def test_rings_about_the_stars_are_not_a_correlated_error():
         r = np.hypot(x - u, y - v)
         image = image + 0.01 * flux * np.exp(-(r - 4.0) ** 2)
     image = image.astype(np.uint16)
-    found = pointing_error(field_without_background(image, 300.0), np.pad(stars, ((0, 0), (0, 2))), False)
+    found = pointing_error(image, stars)
     assert not found.any()

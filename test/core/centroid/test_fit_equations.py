@@ -103,7 +103,8 @@ def streak_flux(star, x, y):
 def test_the_flux_of_a_streak_is_that_of_a_moving_star(length, angle):
     star = np.array([10.2, 9.7, 1.0, 0.0, 0.9, length, angle])
     for x, y in ((10, 10), (12, 9), (7, 13), (10, 4)):
-        assert call('stt_streak_share', star, float(x), float(y)) == pytest.approx(streak_flux(star, x, y), rel=1e-6, abs=1e-7)
+        share = call('stt_streak_share', star, float(x), float(y))
+        assert share == pytest.approx(streak_flux(star, x, y), rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize('free', [4, 7])
