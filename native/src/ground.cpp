@@ -16,6 +16,8 @@ namespace {
 
 constexpr int WIDTH_ITERATIONS = 4;
 
+constexpr double FARTHEST_PX = 65536.0;  // of the place of a star, the largest side of an image
+
 /// What a searched image leaves, in the memory of the caller: Searched, then level and noise of its
 /// mesh. Where these are is not stored, so that a copy is as good.
 class SearchedBlock {
@@ -162,7 +164,7 @@ st_status st_search_near(st_tracker *tracker, const st_image *image, const doubl
     }
     for (size_t i = 0; i < count; ++i) {
         if (!std::isfinite(places[2 * i]) || !std::isfinite(places[2 * i + 1]) ||
-            !(radius_px[i] >= 0) || !std::isfinite(radius_px[i])) {
+            !(radius_px[i] >= 0) || radius_px[i] > FARTHEST_PX) {
             return ST_BAD_INPUT;
         }
     }
@@ -204,7 +206,10 @@ st_status st_find_spots(st_tracker *tracker, const st_image *image, double cell_
     }
     const Arena::Scope scope(tracker->work);
     Extraction found = empty_result(*tracker);
-    find_spots(image_of(*image, tracker->work), cell_share, calm != 0, found.stars, tracker->work);
+    if (image->width_px >= LEAST_SIDE_PX && image->height_px >= LEAST_SIDE_PX) {
+        find_spots(image_of(*image, tracker->work), cell_share, calm != 0, found.stars,
+                   tracker->work);
+    }
     st_extraction ignored;
     publish_alone(*tracker, found, ignored);
     return ST_OK;

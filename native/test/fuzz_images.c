@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "startracker.h"
+#include "startracker_ground.h"
 
 enum { MOST_SIDE = 160, IMAGES = 5, MOST_PREDICTIONS = 40 };
 
@@ -151,6 +151,47 @@ static int is_wrong(const st_tracker *tracker, const st_extraction *found, const
     return wrong;
 }
 
+/* The tools on the ground, with what an image before has left, or none: *left, 64 bytes aligned. */
+static int is_wrong_on_ground(st_tracker *tracker, const st_image *image, const st_config *config,
+                              const st_prediction *predictions, size_t count, void *left,
+                              int *has_left) {
+    const st_search_options options = {within(0.1, 3), one_of(3) * one_of(100), one_of(2),
+                                       one_of(2), 0};
+    const st_streak streak = {within(-50, 50), maybe_nan(within(-50, 50)), within(-0.1, 0.1),
+                              within(0, MOST_SIDE), within(0, MOST_SIDE)};
+    double places[2 * MOST_PREDICTIONS], radius_px[MOST_PREDICTIONS], widths[3 * 20], full;
+    st_extraction found;
+    int32_t kept = 0;
+    size_t widths_count = 0;
+    const st_streak *motion = one_of(2) ? &streak : NULL;
+    st_status status =
+        st_search(tracker, image, &options, motion, *has_left ? left : NULL, left, &kept, &found);
+    int wrong = status != ST_OK && status != ST_BAD_IMAGE && status != ST_BAD_INPUT;
+    if (status == ST_OK) {
+        wrong |= is_wrong(tracker, &found, config, image);
+        *has_left |= kept;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        places[2 * i] = predictions[i].u_px;
+        places[2 * i + 1] = predictions[i].v_px;
+        radius_px[i] = maybe_nan(within(0, 20));
+    }
+    if (*has_left) {
+        status =
+            st_search_near(tracker, image, places, radius_px, count, motion, left, left, &found);
+        wrong |= status != ST_OK && status != ST_BAD_IMAGE && status != ST_BAD_INPUT;
+        wrong |= status == ST_OK && is_wrong(tracker, &found, config, image);
+        status =
+            st_measure_widths(tracker, image, left, widths, (size_t)one_of(20), &widths_count);
+        wrong |= status != ST_OK && status != ST_BAD_IMAGE && status != ST_TOO_MANY;
+    }
+    status = st_find_spots(tracker, image, within(0.1, 8), one_of(2));
+    wrong |= status != ST_OK && status != ST_BAD_IMAGE;
+    status = st_full_scale(tracker, image, within(0, 1000), &full);
+    wrong |= status == ST_OK && !(full > 0);
+    return wrong;
+}
+
 static int tracker_round(void) {
     const st_config config = any_config();
     st_camera camera;
@@ -171,6 +212,10 @@ static int tracker_round(void) {
     int wrong = st_create(memory, bytes, &config, &camera, NULL, &tracker, NULL) != ST_OK;
     int64_t stamp_ns = 1000000000;
     unsigned char *before = NULL;
+    size_t left_bytes = 0;
+    wrong |= st_searched_size(tracker, &left_bytes) != ST_OK;
+    void *left = aligned_alloc(64, left_bytes);
+    int has_left = 0;
     for (int i = 0; i < IMAGES && !wrong; ++i) {
         st_image image;
         memset(&image, 0, sizeof image);
@@ -192,7 +237,8 @@ static int tracker_round(void) {
         const st_status status = st_extract(tracker, stamp_ns, &image, predictions, count,
                                             stamp_ns - one_of(2000) * 1000000, one_of(2), &found);
         wrong = (status != ST_OK && status != ST_BAD_INPUT && status != ST_BAD_IMAGE) ||
-                (status == ST_OK && is_wrong(tracker, &found, &config, &image));
+                (status == ST_OK && is_wrong(tracker, &found, &config, &image)) ||
+                is_wrong_on_ground(tracker, &image, &config, predictions, count, left, &has_left);
         if (wrong) {
             size_t stars = 0;
             const st_centroid *star = st_centroids(tracker, &stars);
@@ -210,6 +256,7 @@ static int tracker_round(void) {
         free(predictions);
     }
     free(before);
+    free(left);
     free(memory);
     return wrong;
 }

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "startracker.h"
+#include "startracker_ground.h"
 
 static int failures;
 
@@ -106,6 +106,39 @@ static void lists(void) {
 }
 
 /* A tracker that extracts, in memory of the size that it needs. */
+static void on_ground(st_tracker *tracker, const st_image *image) {
+    const st_search_options options = {1, 0, 0, 0, 0}, none = {0, 0, 0, 0, 0};
+    const st_streak streak = {NAN, 0, 0, 0, 0};
+    const double place[2] = {50, 50}, radius_px = 3;
+    double widths[3], full_scale_dn = 0;
+    st_extraction found;
+    int32_t kept = 7;
+    size_t bytes = 0, count = 0;
+    CHECK(st_searched_size(NULL, &bytes) == ST_NULL_POINTER);
+    CHECK(st_searched_size(tracker, NULL) == ST_NULL_POINTER);
+    CHECK(st_searched_size(tracker, &bytes) == ST_OK && bytes > 0);
+    char *left = aligned_alloc(64, bytes);
+    memset(left, 0, bytes);
+    CHECK(st_search(NULL, image, &options, NULL, NULL, left, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, NULL, NULL, NULL, left, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, NULL, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, left + 8, &kept, &found) ==
+          ST_MISALIGNED);
+    CHECK(st_search(tracker, image, &none, NULL, NULL, left, &kept, &found) == ST_BAD_INPUT);
+    CHECK(st_search(tracker, image, &options, &streak, NULL, left, &kept, &found) == ST_BAD_INPUT);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, left, &kept, &found) == ST_OK);
+    CHECK(kept == 0 && found.reason.code == ST_REASON_BLANK);
+    /* What was never filled is of no image. */
+    CHECK(st_search_near(tracker, image, place, &radius_px, 1, NULL, left, left, &found) ==
+          ST_BAD_IMAGE);
+    CHECK(st_measure_widths(tracker, image, left, widths, 1, &count) == ST_BAD_IMAGE);
+    CHECK(st_find_spots(tracker, image, 0, 0) == ST_BAD_INPUT);
+    CHECK(st_find_spots(tracker, image, 4, 0) == ST_OK);
+    CHECK(st_full_scale(tracker, image, 5, NULL) == ST_NULL_POINTER);
+    CHECK(st_full_scale(tracker, image, 5, &full_scale_dn) == ST_OK && isinf(full_scale_dn));
+    free(left);
+}
+
 static void trackers(void) {
     static unsigned char pixels[100 * 130 * 2 + 1];
     const st_camera camera = {130, 100, 900, 900, 64.5, 49.5, {0}, ST_PLUMB_BOB, 0};
@@ -159,6 +192,8 @@ static void trackers(void) {
     CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
     image.cell = 0;
     CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.cell = 1;
+    on_ground(tracker, &image);
     CHECK(st_reset(NULL) == ST_NULL_POINTER && st_reset(tracker) == ST_OK);
     CHECK(st_centroids(NULL, &count) == NULL && st_rejections(NULL, &count) == NULL);
     free(block);

@@ -18,7 +18,6 @@
 namespace st {
 namespace {
 
-constexpr int LEAST_SIDE_PX = 8;
 constexpr double FILTER_SIGMA_PX = 1.0;  // while the PSF sigma is unknown
 constexpr double FILTER_RATIO = 2.0;     // a filter wrong by more than this factor is replaced
 constexpr double NARROWEST_FILTER_PX = 0.5, WIDEST_FILTER_PX = 5.0;

@@ -30,6 +30,8 @@
 
 namespace st {
 
+constexpr int LEAST_SIDE_PX = 8;  // of an image
+
 /// Stars of an image, its background and its rejected spots. background_dn and noise_dn (1 sigma of
 /// a pixel) are medians over the image, psf_sigma_px that fitted with; NaN where not measured.
 /// streaked is whether streak is the motion fitted with, false for points.
