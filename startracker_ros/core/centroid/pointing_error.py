@@ -19,7 +19,8 @@ Where two parts are equally bright, some stars are fitted at the one, some at th
 changes the sign of A: it is made that of the brightest star. Of the stars an upper quantile
 counts, which neighbours and hits of single ones do not move, if most have it in their own images.
 Where A exceeds its noise, A > 0 is flux beside the fitted star, of a total of 1 + sum A. The mean
-pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the common error is
+pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the correlated
+error is
 
     C = b b^T + UNCERTAIN^2 M,  M = sum A d d^T / (1 + sum A)
 
@@ -48,8 +49,9 @@ MARGIN = 2  # for what is between pixels
 SMOOTHING_PX = 0.8
 SIGNIFICANT = 7.0  # standard deviations of the noise: some images in a thousand have it by chance
 EXCESS_SIGMAS = 4.0  # the same of a pixel, if it also exceeds
-EXCESS_SHARE = 0.2  # of the most significant one
+EXCESS_SHARE = 0.15  # of the most significant one
 QUANTILE = 0.65  # of the stars
+EXCHANGED = 0.15  # correlation of the odd parts of two stars below which their parts are exchanged
 SHARED_SHARE, SHARED_PART = 0.7, 0.3  # of the bright stars that have so much of it
 UNCERTAIN = 0.15
 MODEL_ERROR = 0.015  # of the flux of a star, by which a Gaussian may be wrong
@@ -151,7 +153,8 @@ def _odd_part(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, 
         odd = left - left[::-1]
         if i == 0:
             first[:] = odd
-        sign = -1.0 if _inner(odd, first) < 0 else 1.0
+        sign = -1.0 if _inner(odd, first) < -EXCHANGED * math.sqrt(
+            _inner(odd, odd) * _inner(first, first)) else 1.0
         # The smaller of two values goes on to the next place: no branch depends on the data.
         odd *= sign
         for k in range(kept - 1, -1, -1):
