@@ -5,9 +5,9 @@
 Star tracker on a recording: pipeline.launch.py, and bag_player with its inputs.
 
 `bag:=folder` names the bag. Only images, camera_info, exposure_start, imu and odometry are
-played, once the pipeline is ready: it publishes the other topics again. A bag without a namespace is played into
-`namespace:=...`; topics that were recorded in a namespace keep it, so name the same one. The
-launch ends with the bag.
+played, once the pipeline is ready: it publishes the other topics again. A bag without a namespace
+is played into `namespace:=...`; topics that were recorded in a namespace keep it, so name the same
+one. The launch ends with the bag.
 """
 
 from launch import LaunchDescription

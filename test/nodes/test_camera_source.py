@@ -3,8 +3,8 @@
 
 """camera_source with files in place of a camera: waits for them, publishes, ends, changes."""
 
-from types import SimpleNamespace
 import time
+from types import SimpleNamespace
 
 import cv2
 from limits import HANGS_S
