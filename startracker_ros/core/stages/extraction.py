@@ -149,10 +149,10 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    Where exposure_s is 0 the exposure time is learnt from the length of the streaks in the images
-    that are searched: the mean of many, by the lengths. A streak that the motion does not explain
-    and that is the same in two images is the shape of the stars: an astigmatic lens draws it,
-    however the camera moves.
+    The exposure time is that of the options, else that given with an image, else learnt from the
+    length of the streaks in the images that are searched: the mean of many, by the lengths. A
+    streak that the motion does not explain and that is the same in two images is the shape of the
+    stars: an astigmatic lens draws it, however the camera moves.
     windowed is whether the last image was not searched as a whole.
     """
 
@@ -184,14 +184,18 @@ class ExtractionStage:
 
     def process(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True,
-                cell: int = 1) -> Extraction:
+                cell: int = 1, exposure_s: float = 0.0) -> Extraction:
         """
         Return the stars of image (H, W) uint8 or uint16 of a time, and its exposure.
+
+        exposure_s is what the camera says of it, 0 where it says nothing: what it said last holds.
 
         Without lost, that there is no prediction does not mean that no star tracker tracks. Where
         each pixel of the image is cell x cell pixels of the camera, predictions and positions are
         in those of the camera, widths in those of the image.
         """
+        if exposure_s and not self._given_exposure_s:
+            self._exposure = Exposure(exposure_s)
         extraction = self._extract(
             stamp_ns, image, None if predicted is None else predicted.in_cells(cell), lost)
         centroids = replace(extraction.centroids, exposure_s=self.exposure_s)
@@ -363,7 +367,9 @@ class ExtractionStage:
         self._unexplained = shown
         if before is not None and shown.is_close(before):
             # A time that was learnt from the shape of the stars is none.
-            self._shape, self._exposure = shown, Exposure(self._given_exposure_s)
+            self._shape = shown
+            if not self._exposure.is_given:
+                self._exposure = Exposure(0.0)
 
     def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
         """
@@ -389,20 +395,20 @@ class Exposure:
 
     def __init__(self, given_s: float) -> None:
         self.seconds = given_s
-        self._is_given = given_s > 0
+        self.is_given = given_s > 0
         self._weight = self._images = self._scatter = 0.0
 
     @property
     def limits_s(self) -> tuple[float, float]:
         """Return the least and the largest exposure that it may be."""
         doubt = 0.0
-        if not self._is_given:
+        if not self.is_given:
             doubt = max(EXPOSURE_DOUBT, 2 * math.sqrt(self._scatter)) / math.sqrt(self._images)
         return (1 - doubt) * self.seconds, (1 + doubt) * self.seconds
 
     def add(self, exposure_s: float, weight: float) -> None:
         """Add what the streaks of an image show, with the inverse of its variance as weight."""
-        if self._is_given:
+        if self.is_given:
             return
         change = exposure_s / self.seconds - 1 if self.seconds else math.inf
         if abs(change) > EXPOSURE_CHANGED:
