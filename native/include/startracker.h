@@ -111,6 +111,7 @@ typedef struct {
     int32_t width_px, height_px; /* those of the camera, divided by cell */
     int32_t type;                /* st_pixel_type */
     int32_t cell;                /* each pixel is the sum of cell x cell of the camera; or 1 */
+    double exposure_s; /* as the camera says; 0: it says nothing, what it said last holds */
 } st_image;
 
 /* ---- sky and observer ---------------------------------------------------------------------- */
@@ -177,7 +178,7 @@ typedef enum {
 typedef struct {
     double threshold_sigma, threshold_dn;
     double psf_sigma_px;    /* 0: estimated from each image */
-    double exposure_s;      /* 0: estimated from streaks */
+    double exposure_s;      /* 0: that of the images, without it estimated from streaks */
     double line_time_us;    /* rolling shutter, delay from row to row; 0: global shutter */
     double search_period_s; /* between images searched as a whole while tracking; 0: all */
     int32_t threshold;      /* st_threshold */

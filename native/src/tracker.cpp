@@ -244,12 +244,13 @@ st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *imag
     if (count > static_cast<size_t>(most_predictions(tracker->config))) {
         return ST_TOO_MANY;
     }
-    if (stamp_ns < 0 || predicted_ns < 0 || !are_possible(predictions, count)) {
+    if (stamp_ns < 0 || predicted_ns < 0 || !are_possible(predictions, count) ||
+        !std::isfinite(image->exposure_s) || image->exposure_s < 0) {
         return ST_BAD_INPUT;
     }
     const Arena::Scope scope(tracker->work);
     const Extraction &found = tracker->extraction.process(
-        stamp_ns, image_of(*image, tracker->work),
+        stamp_ns, image_of(*image, tracker->work), image->exposure_s,
         {predictions, static_cast<int>(count), predicted_ns, image->cell}, lost != 0,
         tracker->work);
     publish(*tracker, found, image->cell, tracker->extraction.exposure(),

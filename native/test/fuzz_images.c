@@ -222,6 +222,7 @@ static int tracker_round(void) {
         image.cell = one_of(4) ? 1 : 1 + one_of(3);
         image.width_px = camera.width_px / image.cell;
         image.height_px = camera.height_px / image.cell;
+        image.exposure_s = one_of(4) ? 0 : maybe_nan(within(0, 1));
         image.type = one_of(4) ? ST_GREY16 : ST_GREY8;
         const int pixel = image.type == ST_GREY16 ? 2 : 1;
         image.stride_bytes = pixel * (image.width_px + one_of(3));

@@ -142,7 +142,7 @@ static void on_ground(st_tracker *tracker, const st_image *image) {
 static void trackers(void) {
     static unsigned char pixels[100 * 130 * 2 + 1];
     const st_camera camera = {130, 100, 900, 900, 64.5, 49.5, {0}, ST_PLUMB_BOB, 0};
-    st_image image = {pixels, 260, 130, 100, ST_GREY16, 1};
+    st_image image = {pixels, 260, 130, 100, ST_GREY16, 1, 0};
     st_prediction prediction = {50, 50, 0, 0, 0.1, 7, 0};
     st_extraction found;
     st_config config;
@@ -179,6 +179,15 @@ static void trackers(void) {
     CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_OK);
     prediction.sigma_px = NAN;
     CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_BAD_INPUT);
+    prediction.sigma_px = 0.1;
+    image.exposure_s = -1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_INPUT);
+    image.exposure_s = 0.1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.exposure_least_s == 0.1 && found.exposure_most_s == 0.1);
+    image.exposure_s = 0;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.exposure_least_s == 0.1 && found.exposure_most_s == 0.1);
     image.stride_bytes = 259;
     CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
     image.stride_bytes = 258;

@@ -52,7 +52,7 @@ FAULT = _struct(name='u8', **_numbers('value least most'))
 CAMERA = _struct(**_numbers('width_px height_px', 'i4'), **_numbers('fx_px fy_px cx_px cy_px'),
                  distortion=('f8', 8), **_numbers('model reserved', 'i4'))
 IMAGE = _struct(pixels='u8', stride_bytes='i8', **_numbers(
-    'width_px height_px type cell', 'i4'))
+    'width_px height_px type cell', 'i4'), exposure_s='f8')
 SKY = _struct(file='u8', bytes='u8')
 BODY = _struct(direction=_VECTOR, **_numbers('error_rad radius_rad magnitude'))
 OBSERVER = _struct(

@@ -20,6 +20,8 @@ public:
 
     double seconds() const { return seconds_; }
 
+    bool is_given() const { return is_given_; }
+
     /// Return the least and the largest exposure that it may be.
     ExposureLimits limits() const;
 

@@ -86,8 +86,11 @@ ExposureLimits ExtractionStage::exposure() const {
     return {0.0, point_speed_px_s_ > 0 ? POINT_PX / point_speed_px_s_ : INFINITY};
 }
 
-const Extraction &ExtractionStage::process(int64_t stamp_ns, const Image &image,
+const Extraction &ExtractionStage::process(int64_t stamp_ns, const Image &image, double exposure_s,
                                            const Predictions &predicted, bool lost, Arena &arena) {
+    if (exposure_s > 0 && !(given_exposure_s_ > 0)) {
+        exposure_ = Exposure(exposure_s);
+    }
     const RowRange stale = stale_rows_.find(image);
     const bool repeated = stale.last - stale.first == image.height - 1;
     const double interval_s = static_cast<double>(stamp_ns - stamp_ns_) * 1e-9;
@@ -311,7 +314,9 @@ void ExtractionStage::learn_shown(const Shown &shown, const Expected &expected) 
     if (before.known && shown.streak.is_close(before.streak)) {
         // A time that was learnt from the shape of the stars is none.
         shape_ = unexplained_;
-        exposure_ = Exposure(given_exposure_s_);
+        if (!exposure_.is_given()) {
+            exposure_ = Exposure();
+        }
     }
 }
 

@@ -17,10 +17,10 @@ namespace st {
 /// Extracts the centroids of the images of a camera, near the predictions of a star tracker where it
 /// has any.
 ///
-/// Where exposure_s is 0 the exposure time is learnt from the length of the streaks in the images
-/// that are searched: the mean of many, by the lengths. A streak that the motion does not explain
-/// and that is the same in two images is the shape of the stars: an astigmatic lens draws it,
-/// however the camera moves.
+/// The exposure time is that of the options, else that given with an image, else learnt from the
+/// length of the streaks in the images that are searched: the mean of many, by the lengths. A streak
+/// that the motion does not explain and that is the same in two images is the shape of the stars: an
+/// astigmatic lens draws it, however the camera moves.
 class ExtractionStage {
 public:
     ExtractionStage() = default;
@@ -32,9 +32,10 @@ public:
     void reset();
 
     /// Return the stars of an image of a time. predicted has no items where there is no prediction;
-    /// without lost this does not mean that no star tracker tracks. Valid until the next call.
-    const Extraction &process(int64_t stamp_ns, const Image &image, const Predictions &predicted,
-                              bool lost, Arena &arena);
+    /// without lost this does not mean that no star tracker tracks. exposure_s is what the camera
+    /// says, 0 where it says nothing: what it said last holds. Valid until the next call.
+    const Extraction &process(int64_t stamp_ns, const Image &image, double exposure_s,
+                              const Predictions &predicted, bool lost, Arena &arena);
 
     /// Whether the last image was not searched as a whole.
     bool windowed() const { return windowed_; }

@@ -27,7 +27,9 @@ constexpr int TAPS = 5, MIDDLE_TAP = 2;
 // Standard deviations of the noise: some images in a thousand have it by chance.
 constexpr double SIGNIFICANT = 7.0;
 constexpr double EXCESS_SIGMAS = 4.0;  // the same of a pixel, if it also exceeds
-constexpr double EXCESS_SHARE = 0.2;   // of the most significant one
+constexpr double EXCESS_SHARE = 0.15;  // of the most significant one
+// Correlation of the odd parts of two stars below which their parts are exchanged.
+constexpr double EXCHANGED = 0.15;
 constexpr double UNCERTAIN = 0.15;
 constexpr double MODEL_ERROR = 0.015;  // of a star's flux, by which a Gaussian may be wrong
 
@@ -144,13 +146,15 @@ void add_odd(const Image &image, const Mesh &mesh, const StreakStar &star, bool 
     resample(star[U], star[V], reach, work);
     const double *left = work.left.value;
     double *odd = work.half.value, *first = work.first.value;
-    double inner = 0.0;
+    double inner = 0.0, square = 0.0, square_of_first = 0.0;
     for (int d = 0; d < area; ++d) {
         odd[d] = left[d] - left[area - 1 - d];
         first[d] = is_first ? odd[d] : first[d];
         inner += odd[d] * first[d];
+        square += odd[d] * odd[d];
+        square_of_first += first[d] * first[d];
     }
-    const double sign = inner < 0 ? -1.0 : 1.0;
+    const double sign = inner < -EXCHANGED * std::sqrt(square * square_of_first) ? -1.0 : 1.0;
     for (int d = 0; d < area; ++d) {
         odd[d] *= sign;
     }

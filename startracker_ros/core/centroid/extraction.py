@@ -48,8 +48,8 @@ class ExtractionOptions(Options):
     max_stars: int = option(
         40, 'maximum number of stars, the brightest ones', low=1, high=5000)
     exposure_s: float = option(
-        0.0, 'exposure time of the images; 0: learnt from the length of streaks', unit='s',
-        low=0.0, high=600.0)
+        0.0, 'exposure time of the images; 0: that of exposure_start, without it learnt from the '
+        'length of streaks', unit='s', low=0.0, high=600.0)
     line_time_us: float = option(
         0.0, 'rolling shutter: delay from one row to the next; 0: global shutter', unit='us',
         low=0.0, high=10000.0)

@@ -91,7 +91,7 @@ class ImageTracker:
         native.check(self._library.st_reset(self._handle))
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedCentroids | None,
-                lost: bool, cell: int) -> Found:
+                lost: bool, cell: int, exposure_s: float) -> Found:
         """Return what st_extract() finds."""
         predictions, count, predicted_ns = None, 0, 0
         if predicted is not None:
@@ -101,7 +101,7 @@ class ImageTracker:
             table['u_rate_px_s'], table['v_rate_px_s'] = predicted.velocity.T
             table['sigma_px'], table['hip'] = predicted.sigma_px, predicted.hip
             predictions = table.ctypes.data
-        image = self._set(image, cell)
+        image = self._set(image, cell, exposure_s)
         native.check(self._library.st_extract(
             self._handle, stamp_ns, self._image_at, predictions, count, predicted_ns, lost,
             self._extraction_at))
@@ -154,7 +154,7 @@ class ImageTracker:
         native.check(self._library.st_searched_size(self._handle, ctypes.byref(self._count)))
         return aligned(self._count.value)
 
-    def _set(self, image: np.ndarray, cell: int = 1) -> np.ndarray:
+    def _set(self, image: np.ndarray, cell: int = 1, exposure_s: float = 0.0) -> np.ndarray:
         """Set the st_image of the next call; return the pixels, which have to stay."""
         height, width = image.shape
         down, across = image.strides
@@ -162,7 +162,8 @@ class ImageTracker:
                 not image.flags.aligned):
             image = np.require(image, None, ['C', 'A'])
             down = width * image.itemsize
-        self._image[()] = (image.ctypes.data, down, width, height, image.itemsize == 2, cell)
+        self._image[()] = (
+            image.ctypes.data, down, width, height, image.itemsize == 2, cell, exposure_s)
         return image
 
     def _list(self, name: str, kind: np.dtype) -> np.ndarray:

@@ -103,7 +103,7 @@ BAD_FRAMES = Check(
     'frames in a row that are not used', 'restart', '{frames} bad frames: {stars} stars agreed in '
     'the last one, residual {residual_px:.2f} px', options='max_bad_frames')
 STARS_ELSEWHERE = Check(
-    'an identified frame among frames in a row that are not used', 'restart',
+    'identified frames in a row that are not used', 'restart',
     '{frames} bad frames, but {stars} stars identified', frames=2)
 NO_STARS = Check('time since the last frame that was used', 'restart',
                  'no stars for {gap_s:.1f} s', options='max_gap_s')

@@ -31,10 +31,10 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    Where exposure_s is 0 the exposure time is learnt from the length of the streaks in the images
-    that are searched: the mean of many, by the lengths. A streak that the motion does not explain
-    and that is the same in two images is the shape of the stars: an astigmatic lens draws it,
-    however the camera moves.
+    The exposure time is that of the options, else that given with an image, else learnt from the
+    length of the streaks in the images that are searched: the mean of many, by the lengths. A
+    streak that the motion does not explain and that is the same in two images is the shape of the
+    stars: an astigmatic lens draws it, however the camera moves.
     windowed is whether the last image was not searched as a whole.
     """
 
@@ -54,9 +54,11 @@ class ExtractionStage:
 
     def process(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True,
-                cell: int = 1) -> Extraction:
+                cell: int = 1, exposure_s: float = 0.0) -> Extraction:
         """
         Return the stars of image (H, W) uint8 or uint16 of a time, and its exposure.
+
+        exposure_s is what the camera says of it, 0 where it says nothing: what it said last holds.
 
         Without lost, that there is no prediction does not mean that no star tracker tracks. Where
         each pixel of the image is cell x cell pixels of the camera, predictions and positions are
@@ -67,6 +69,6 @@ class ExtractionStage:
         if self._tracker is None or not self._tracker.is_of(image, cell):
             self._tracker = ImageTracker(
                 (cell * image.shape[0], cell * image.shape[1]), self._options)
-        found = self._tracker.extract(stamp_ns, image, predicted, lost, cell)
+        found = self._tracker.extract(stamp_ns, image, predicted, lost, cell, exposure_s)
         self.windowed = bool(found.figures['windowed'])
         return Extraction.of(found)

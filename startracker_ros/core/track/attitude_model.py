@@ -447,6 +447,9 @@ class AttitudeModel(StarModel):
     @property
     def predicted(self) -> TrackedAttitude:
         state = state_of(self._motion, SMOOTH)
+        if self._motion.weight[SMOOTH].sum() < MOTION_ENDS.probability:
+            # After a jump no smooth motion predicts the next frame.
+            state = state._replace(quaternion=np.full(4, np.nan))
         return TrackedAttitude(
             AttitudeEstimate(state.quaternion, state.covariance[:3, :3], 0, np.empty(0), 0.0),
             state.rate, state.covariance[3:6, 3:6])

@@ -76,7 +76,7 @@ FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
 SEEN_UNEVENLY = 0.07
 """Of the amplitude of a vibration: what the fit of a star that it moves within the exposure is off
 by, 1 sigma."""
-MISSED, MISSED_AHEAD = 1e-5, 4e-5
+MISSED, MISSED_AHEAD = 2e-5, 4e-5
 """
 Probability that attitude and rate are beyond WRONG_SIGMAS by an improbable mode, now and at other
 times: motions that may begin, which are hardly ever seen, would widen all that is predicted.

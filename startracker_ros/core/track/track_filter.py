@@ -300,6 +300,7 @@ class TrackFilter:
         self.stars_matched = 0
         self.residual_px = math.nan
         self._first: IdentifiedFrame | None = None
+        self._elsewhere: IdentifiedFrame | None = None
         self._model = make_model(self._camera, self._options, self._gyro)
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
@@ -342,11 +343,8 @@ class TrackFilter:
         tracked = next((attitude for stamp_ns, attitude in self._history
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
-            # Some frames of stars elsewhere are no chance: the body has jumped.
-            if (frame.stamp_ns > self._good_stamp_ns
-                    and self._bad_frames >= STARS_ELSEWHERE.frames):
-                self._acquire(frame, STARS_ELSEWHERE.diagnostic.format(
-                    frames=self._bad_frames, stars=len(frame.star_index)))
+            if frame.stamp_ns > self._good_stamp_ns and self._bad_frames:
+                self._seen_elsewhere(frame)
             return
         if frame.contradicts(tracked, self._camera, sky, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
@@ -354,6 +352,14 @@ class TrackFilter:
                 error_deg=np.degrees(np.linalg.norm(error))))
         else:
             self.checks_passed += 1
+
+    def _seen_elsewhere(self, frame: IdentifiedFrame) -> None:
+        """Start again at the second identified frame in a row that is not used: the body jumped."""
+        first, self._elsewhere = self._elsewhere, frame
+        if first is not None and first.stamp_ns < frame.stamp_ns:
+            self._start(start_of_two(first, frame)._replace(
+                reason=STARS_ELSEWHERE.diagnostic.format(
+                    frames=self._bad_frames, stars=len(frame.star_index))))
 
     # --- from frame to frame ---
 
@@ -431,7 +437,7 @@ class TrackFilter:
 
     def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
         """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
-        self._bad_frames, self._good_stamp_ns = 0, stamp_ns
+        self._bad_frames, self._good_stamp_ns, self._elsewhere = 0, stamp_ns, None
         if not self.contradiction:
             self.frames_since_fix = 0
             self._history.append((stamp_ns, fit.attitude))

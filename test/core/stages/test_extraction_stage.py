@@ -258,3 +258,34 @@ def test_a_given_exposure_is_not_learnt():
     image = next(run(1, (1.0, 0.0, 0.0)))[2].image
     stage = ExtractionStage(ExtractionOptions(exposure_s=0.03))
     assert stage.process(START_NS, image).centroids.exposure_s == (0.03, 0.03)
+    found = stage.process(START_NS + STEP_NS, image + 1, exposure_s=0.05)
+    assert found.centroids.exposure_s == (0.03, 0.03)
+
+
+def test_an_exposure_that_changes_from_image_to_image_is_that_of_its_streaks():
+    """Learnt from the images alone it is wrong in every other one."""
+    exposures_s = 0.03, 0.09
+    skies = [SkySimulator(
+        CAMERA, turning((2.5, 1.5, 0.3)), load_catalog(), 2026.5, frame_rate_hz=10.0,
+        detector_options=DetectorOptions(motion_smear=True, exposure_s=exposure_s))
+        for exposure_s in exposures_s]
+    tracker = StarTracker(CAMERA, 2026.5)
+    stage, streaks_px = tracker.extraction, ([], [])
+    published = windowed = 0
+    for index in range(20):
+        frame, stamp_ns = skies[index % 2].frame(1 + index / 10), START_NS + index * STEP_NS
+        tracker.motion.add_state(stamp_ns, frame.state.geocentric)
+        found = stage.process(stamp_ns, frame.image, tracker.tracker.predicted,
+                              exposure_s=exposures_s[index % 2])
+        assert found.centroids.exposure_s == (exposures_s[index % 2],) * 2
+        windowed += stage.windowed
+        result = tracker.process_centroids(stamp_ns, found.centroids, stage.windowed)
+        if result.attitude is not None:
+            published += 1
+            assert over_bound(result, frame) < 1
+            streaks_px[index % 2].append(found.streak_px)
+    assert published >= 17 and windowed >= 12, (published, windowed)
+    assert max(streaks_px[0]) < 0.5 * min(streaks_px[1]), streaks_px
+    # What was given last holds for images of which nothing is said.
+    found = stage.process(START_NS + 20 * STEP_NS, skies[0].frame(3.0).image)
+    assert found.centroids.exposure_s == (0.09, 0.09)

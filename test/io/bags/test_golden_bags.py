@@ -167,7 +167,7 @@ def test_the_kidnapped_camera_is_lost_and_found() -> None:
     frames = frames_with_attitude('kidnapped')
     assert frames == set(range(2, 30)) | set(range(33, 60))
     states = [message.message for message in recorded('kidnapped')['/tracker_state']]
-    assert states == ['ACQUIRING', *['TRACKING'] * 30, 'ACQUIRING', *['TRACKING'] * 28]
+    assert states == ['ACQUIRING', *['TRACKING'] * 59]
 
 
 def test_dropouts_are_bridged() -> None:
