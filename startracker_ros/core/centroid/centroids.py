@@ -3,7 +3,7 @@
 
 """The list of star images found in one frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -63,6 +63,13 @@ class Centroids:
     def empty(cls) -> 'Centroids':
         """Return a list without stars."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+
+    def joined(self, other: 'Centroids') -> 'Centroids':
+        """Return these centroids followed by the others."""
+        columns = {column.name: np.concatenate([getattr(self, column.name),
+                                                getattr(other, column.name)])
+                   for column in fields(self) if column.name != 'exposure_s'}
+        return Centroids(**columns, exposure_s=self.exposure_s)
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
