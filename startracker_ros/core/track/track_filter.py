@@ -354,7 +354,7 @@ class TrackFilter:
             self.checks_passed += 1
 
     def _seen_elsewhere(self, frame: IdentifiedFrame) -> None:
-        """Start again at the second identified frame in a row that is not used: the body jumped."""
+        """Start again at the second identified frame in a row that is unused: the body jumped."""
         first, self._elsewhere = self._elsewhere, frame
         if first is not None and first.stamp_ns < frame.stamp_ns:
             self._start(start_of_two(first, frame)._replace(

@@ -8,8 +8,7 @@ from functools import partial
 import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2, TimeReference
-from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
+from startracker_ros.core.centroid.extraction import Extraction, ExtractionOptions
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.stages.annotate import annotate, Labels, mark_bodies
@@ -57,9 +56,6 @@ class CentroidExtractorNode(CameraNode):
         self._exposures = ExposureTimes()
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
-
-    def warm_up(self) -> None:
-        CentroidExtractor(self.options(ExtractionOptions)).warm_up()
 
     def get_ready(self) -> None:
         if self.has_publisher(self.frame_topic):
