@@ -23,7 +23,7 @@ SOLVED = {'file': '2019-07-29T204726_Alt40_Azi-135_Try1.png', 'solved': True, 'r
 UNSOLVED = {**SOLVED, 'solved': False, **dict.fromkeys(
     ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'), None), 'reason': REASON}
 INTEGRITY = IntegrityRow('lit by the limb of the Earth, slow slew', 6000, 99.6,
-                         '0 wrong, >= 95 % published', 0, 0, 0.0005, 4.2, 3.01, 3, 2.9, 4, 2.5,
+                         '0 wrong, >= 95 % published', 0, 0, 0.0005, 4.2, 3.01, 3.1, 2.8, 3, 2.9, 4, 2.5,
                          0.62, 2, True)
 RESULTS = [Result('solve', [SOLVED, UNSOLVED], {'epoch': 2026.5}),
            Result('campaign integrity', [INTEGRITY, INTEGRITY], {'camera': '1024 x 1024 px'})]
