@@ -279,8 +279,8 @@ class IntegrityRow:
     wrong_below: float
     worst_sigma: float
     mean_nees: float | None
-    nees_of_least_sigma: float | None
-    nees_of_largest_sigma: float | None
+    sharp_nees: float | None
+    wide_nees: float | None
     rates_beyond_5_sigma: int
     rates_mean_nees: float | None
     at_beyond_5_sigma: int | None
@@ -465,7 +465,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'wrong_below': '95 % limit of the share of the frames that is wrong, which are taken as '
                        'independent; worst_sigma is the largest error in sigma',
         'mean_nees': 'normalised squared error, 3 when the covariance is true; '
-                     'nees_of_least_sigma: of the quarter of the attitudes with the least sigma',
+                     'sharp_nees: of the quarter of the attitudes with the least sigma',
         'rates_beyond_5_sigma': 'of the rates that go with the attitudes; no bound holds for them',
         'at_beyond_5_sigma': f'of at() {AT_S[0]:g} s and {AT_S[1]:+g} s away, in lists of '
                              'motions; no bound holds for them',
