@@ -4,10 +4,10 @@
 """
 Star tracker on a recording: pipeline.launch.py, and bag_player with its inputs.
 
-`bag:=folder` names the bag. Only images, camera_info, imu and odometry are played, once the
-pipeline is ready: it publishes the other topics again. A bag without a namespace is played into
-`namespace:=...`; topics that were recorded in a namespace keep it, so name the same one. The
-launch ends with the bag.
+`bag:=folder` names the bag. Only images, camera_info, exposure_start, imu and odometry are
+played, once the pipeline is ready: it publishes the other topics again. A bag without a namespace
+is played into `namespace:=...`; topics that were recorded in a namespace keep it, so name the same
+one. The launch ends with the bag.
 """
 
 from launch import LaunchDescription
@@ -15,7 +15,8 @@ from launch.actions import DeclareLaunchArgument, Shutdown, TimerAction
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.launching import declared, node, pipeline, shared_arguments
 
-TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info', 'imu', 'odometry')
+TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info', 'exposure_start', 'imu',
+          'odometry')
 # The first run on a machine compiles.
 WAIT_LIMIT_S = 300.0
 # Ten seconds of a camera of 10 Hz: on a busy machine the extractor may be late by seconds. A live

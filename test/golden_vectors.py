@@ -26,13 +26,13 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
-from startracker_ros.core.attitude.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
+from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
 from startracker_ros.core.maths.gates import gate
@@ -405,11 +405,6 @@ def propagation_inputs() -> Iterator[tuple[str, Values]]:
     yield 'by_gyro', {**state, 'by': 'gyro',
                       'gyro_dt_ns': [100_000_000, 200_000_000, 300_000_000],
                       'gyro_rate_rad_s': rng.normal(0, 0.02, (3, 3))}
-    yield 'by_gyro_filtered', {
-        **state, 'by': 'gyro_filtered', 'acceleration_rad_s2': [0.002, -0.001, 0.003],
-        'acceleration_density': [1e-8, 2e-8, 3e-8],
-        'gyro_dt_ns': [-40_000_000, 60_000_000, 160_000_000, 240_000_000],
-        'gyro_rate_rad_s': rng.normal(0, 0.02, (4, 3))}
 
 
 def propagation_outputs(values: Values) -> Values:
@@ -425,9 +420,7 @@ def propagation_outputs(values: Values) -> Values:
         gyro.drift_density = values['drift_density']
         for dt_ns, rate_rad_s in zip(values['gyro_dt_ns'], values['gyro_rate_rad_s']):
             gyro.add(START_NS + dt_ns, np.array(rate_rad_s))
-        after = (gyro.propagate(state, to_ns) if values['by'] == 'gyro' else
-                 gyro.filtered(state, to_ns, *arrays(
-                     values, 'acceleration_rad_s2', 'acceleration_density')).state)
+        after = gyro.propagate(state, to_ns)
     # A measured attitude 20 arcsec away, whose third axis is not observed.
     information = np.diag([1e10, 2e10, 0.0])
     updated = after.with_attitude(information, information @ (np.array([20.0, -15, 30]) * ARCSEC))

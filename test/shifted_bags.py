@@ -16,6 +16,7 @@ INPUTS = ('/image_raw', '/camera_info', '/imu')
 GPS_NS = 315_964_782 * 10 ** 9
 """UTC since 1970 less GPS time since 1980, from 2017 on."""
 
+_EXPOSURE = 'sensor_msgs/msg/TimeReference'
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -34,9 +35,24 @@ def mosaic(message: Any) -> Any:
     return message
 
 
-def write_shifted(bag: Path, folder: Path, shift_ns: int, change: Any = None) -> Path:
-    """Write the inputs of a bag with earlier stamps, and messages as change() returns them."""
+def exposure_start(header: Any, exposure_s: float) -> Any:
+    """Return what a driver publishes before an image with this header."""
+    stamp = header.stamp
+    begin_ns = stamp.sec * 10 ** 9 + stamp.nanosec - round(exposure_s / 2 * 1e9)
+    return _STORE.types[_EXPOSURE](
+        header, type(stamp)(*divmod(begin_ns, 10 ** 9)), 'exposure')
+
+
+def write_shifted(bag: Path, folder: Path, shift_ns: int, change: Any = None,
+                  exposure_s: float = 0.0) -> Path:
+    """
+    Write the inputs of a bag with earlier stamps, and messages as change() returns them.
+
+    With exposure_s an exposure_start precedes each image.
+    """
     with BagWriter(folder) as writer:
+        if exposure_s:
+            writer.add_topic('/exposure_start', _EXPOSURE, ())
         for topic in map(read_topics(bag).__getitem__, INPUTS):
             writer.add_topic(topic.name, topic.type_name, topic.qos)
         for record in read_messages(bag, topics=INPUTS):
@@ -46,6 +62,10 @@ def write_shifted(bag: Path, folder: Path, shift_ns: int, change: Any = None) ->
                 stamp.sec * 10 ** 9 + stamp.nanosec - shift_ns, 10 ** 9)
             if change is not None:
                 message = change(message)
+            if exposure_s and record.topic == '/image_raw':
+                said = exposure_start(message.header, exposure_s)
+                writer.write('/exposure_start', bytes(_STORE.serialize_cdr(said, _EXPOSURE)),
+                             record.log_time_ns, record.publish_time_ns)
             data = bytes(_STORE.serialize_cdr(message, record.type_name))
             writer.write(record.topic, data, record.log_time_ns, record.publish_time_ns)
     return folder

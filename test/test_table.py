@@ -23,8 +23,8 @@ SOLVED = {'file': '2019-07-29T204726_Alt40_Azi-135_Try1.png', 'solved': True, 'r
 UNSOLVED = {**SOLVED, 'solved': False, **dict.fromkeys(
     ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'), None), 'reason': REASON}
 INTEGRITY = IntegrityRow('lit by the limb of the Earth, slow slew', 6000, 99.6,
-                         '0 wrong, >= 95 % published', 0, 0, 0.0005, 4.2, 3.01, 3, 2.9, 4, 2.5,
-                         0.62, 2, True)
+                         '0 wrong, >= 95 % published', 0, 0, 0.0005, 4.2, 3.01, 3.1, 2.8, 3, 2.9,
+                         4, 2.5, 0.62, 2, True)
 RESULTS = [Result('solve', [SOLVED, UNSOLVED], {'epoch': 2026.5}),
            Result('campaign integrity', [INTEGRITY, INTEGRITY], {'camera': '1024 x 1024 px'})]
 
@@ -81,7 +81,7 @@ def test_a_long_reason_is_below_the_table_under_the_name_of_its_row(capsys, monk
 
 
 def test_whether_a_row_holds_is_never_left_out(capsys, monkeypatch):
-    lines = printed(capsys, monkeypatch, RESULTS[1], 72)
+    lines = printed(capsys, monkeypatch, RESULTS[1], 80)
     assert 'holds' in words_of(table_of(lines)) and 'yes' in words_of(lines)
     assert any('not shown: ' in line for line in lines)
 
@@ -142,7 +142,7 @@ def test_the_option_wide_reaches_the_table(monkeypatch):
     def command(as_json):
         finish(RESULTS[1], as_json)
     monkeypatch.setenv('FORCE_COLOR', '1')
-    monkeypatch.setenv('COLUMNS', '72')
+    monkeypatch.setenv('COLUMNS', '80')
     run = CliRunner().invoke
     assert 'not shown' in run(command).output
     assert 'not shown' not in run(command, ['--wide']).output

@@ -111,6 +111,7 @@ typedef struct {
     int32_t width_px, height_px; /* those of the camera, divided by cell */
     int32_t type;                /* st_pixel_type */
     int32_t cell;                /* each pixel is the sum of cell x cell of the camera; or 1 */
+    double exposure_s; /* as the camera says; 0: it says nothing, what it said last holds */
 } st_image;
 
 /* ---- sky and observer ---------------------------------------------------------------------- */
@@ -178,7 +179,7 @@ typedef enum {
 typedef struct {
     double threshold_sigma, threshold_dn;
     double psf_sigma_px;    /* 0: estimated from each image */
-    double exposure_s;      /* 0: estimated from streaks */
+    double exposure_s;      /* 0: that of the images, without it estimated from streaks */
     double line_time_us;    /* rolling shutter, delay from row to row; 0: global shutter */
     double search_period_s; /* between images searched as a whole while tracking; 0: all */
     int32_t threshold;      /* st_threshold */
@@ -521,13 +522,12 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
  * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
 ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
-/* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
-#ifdef ST_PLANNED
+/* ---- trackers: so far only of the stage ST_EXTRACTS, others are ST_NO_STAGE ------------------ */
 
 /* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
-/* Bytes of memory that st_create needs. */
+/* Bytes of memory that st_create needs. sky may be null for trackers that only extract. */
 ST_API st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                          size_t *bytes);
 
@@ -539,6 +539,19 @@ ST_API st_status st_create(void *memory, size_t bytes, const st_config *config,
 
 /* Forget all frames, rates and hints: LOST, as after st_create. */
 ST_API st_status st_reset(st_tracker *tracker);
+
+/* predictions, of predicted_ns, may be null: the image is searched as a whole; lost 1: more stars
+ * the longer there are none. */
+ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
+                            const st_prediction *predictions, size_t count, int64_t predicted_ns,
+                            int32_t lost, st_extraction *extraction);
+
+/* Lists of the last call, in the memory of the tracker, until the next call for it. */
+ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
+ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
+
+/* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
+#ifdef ST_PLANNED
 
 /* Other options without loss of lock; ST_READ_ONLY for those that docs/parameters.md does not
  * mark as live. */
@@ -568,20 +581,12 @@ ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
 /* The attitude at a time near its own, by rate and acceleration, with its covariance. */
 ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
 
-/* Lists of the last call, in the memory of the tracker, until the next call for it. */
-ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
+/* Lists of the last call, as st_centroids. */
 ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
 ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
 ST_API const st_prediction *st_predictions(const st_tracker *tracker, size_t *count);
-ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
 
 /* Single stages, for parts of the system in separate processes. */
-
-/* predictions, of predicted_ns, may be null: the image is searched as a whole; lost 1: more stars
- * the longer there are none. */
-ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
-                            const st_prediction *predictions, size_t count, int64_t predicted_ns,
-                            int32_t lost, st_extraction *extraction);
 
 /* 1 where the next frame needs an identification: not while tracking unless a check is due. */
 ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,

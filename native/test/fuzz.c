@@ -14,26 +14,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "random.h"
 #include "startracker.h"
 
 /* ---- random input ---- */
 
-/* SplitMix64 (Steele, Lea and Flood, OOPSLA 2014). */
-static uint64_t state;
-
-static uint64_t random_bits(void) {
-    uint64_t z = (state += 0x9e3779b97f4a7c15u);
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return z ^ (z >> 31);
-}
-
 static uint64_t one_of(uint64_t count) {
     return random_bits() % count;
-}
-
-static double within(double least, double most) {
-    return least + (most - least) * ((double)(random_bits() >> 11) / 9007199254740992.0);
 }
 
 /* Mostly a number of the range; else a special one, or any bits. */

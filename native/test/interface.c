@@ -5,9 +5,10 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
-#include "startracker.h"
+#include "startracker_ground.h"
 
 static int failures;
 
@@ -104,6 +105,109 @@ static void lists(void) {
     CHECK(st_project(&camera, back, pixel, 0) == ST_OK && pixel[0] == 7);
 }
 
+/* A tracker that extracts, in memory of the size that it needs. */
+static void on_ground(st_tracker *tracker, const st_image *image) {
+    const st_search_options options = {1, 0, 0, 0, 0}, none = {0, 0, 0, 0, 0};
+    const st_streak streak = {NAN, 0, 0, 0, 0};
+    const double place[2] = {50, 50}, radius_px = 3;
+    double widths[3], full_scale_dn = 0;
+    st_extraction found;
+    int32_t kept = 7;
+    size_t bytes = 0, count = 0;
+    CHECK(st_searched_size(NULL, &bytes) == ST_NULL_POINTER);
+    CHECK(st_searched_size(tracker, NULL) == ST_NULL_POINTER);
+    CHECK(st_searched_size(tracker, &bytes) == ST_OK && bytes > 0);
+    char *left = aligned_alloc(64, bytes);
+    memset(left, 0, bytes);
+    CHECK(st_search(NULL, image, &options, NULL, NULL, left, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, NULL, NULL, NULL, left, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, NULL, &kept, &found) == ST_NULL_POINTER);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, left + 8, &kept, &found) ==
+          ST_MISALIGNED);
+    CHECK(st_search(tracker, image, &none, NULL, NULL, left, &kept, &found) == ST_BAD_INPUT);
+    CHECK(st_search(tracker, image, &options, &streak, NULL, left, &kept, &found) == ST_BAD_INPUT);
+    CHECK(st_search(tracker, image, &options, NULL, NULL, left, &kept, &found) == ST_OK);
+    CHECK(kept == 0 && found.reason.code == ST_REASON_BLANK);
+    /* What was never filled is of no image. */
+    CHECK(st_search_near(tracker, image, place, &radius_px, 1, NULL, left, left, &found) ==
+          ST_BAD_IMAGE);
+    CHECK(st_measure_widths(tracker, image, left, widths, 1, &count) == ST_BAD_IMAGE);
+    CHECK(st_find_spots(tracker, image, 0, 0) == ST_BAD_INPUT);
+    CHECK(st_find_spots(tracker, image, 4, 0) == ST_OK);
+    CHECK(st_full_scale(tracker, image, 5, NULL) == ST_NULL_POINTER);
+    CHECK(st_full_scale(tracker, image, 5, &full_scale_dn) == ST_OK && isinf(full_scale_dn));
+    free(left);
+}
+
+static void trackers(void) {
+    static unsigned char pixels[100 * 130 * 2 + 1];
+    const st_camera camera = {130, 100, 900, 900, 64.5, 49.5, {0}, ST_PLUMB_BOB, 0};
+    st_image image = {pixels, 260, 130, 100, ST_GREY16, 1, 0};
+    st_prediction prediction = {50, 50, 0, 0, 0.1, 7, 0};
+    st_extraction found;
+    st_config config;
+    st_fault fault;
+    st_tracker *tracker = NULL;
+    size_t bytes = 0, count = 7;
+    st_defaults(&config, &ABI);
+    CHECK(st_size(&config, &camera, NULL, &bytes) == ST_NO_STAGE);
+    config.stages = ST_EXTRACTS;
+    CHECK(st_size(&config, &camera, NULL, NULL) == ST_NULL_POINTER);
+    CHECK(st_size(&config, &camera, NULL, &bytes) == ST_OK && bytes % 64 == 0);
+    unsigned char *block = aligned_alloc(64, bytes + 64);
+    CHECK(st_create(NULL, bytes, &config, &camera, NULL, &tracker, &fault) == ST_NULL_POINTER);
+    CHECK(st_create(block + 8, bytes, &config, &camera, NULL, &tracker, &fault) == ST_MISALIGNED);
+    CHECK(st_create(block, bytes - 1, &config, &camera, NULL, &tracker, &fault) ==
+          ST_TOO_LITTLE_MEMORY);
+    config.extraction.max_stars = 0;
+    CHECK(st_create(block, bytes, &config, &camera, NULL, &tracker, &fault) == ST_OUT_OF_RANGE);
+    CHECK(strcmp(fault.name, "extraction.max_stars") == 0);
+    config.extraction.max_stars = 40;
+    CHECK(tracker == NULL);
+    CHECK(st_create(block, bytes, &config, &camera, NULL, &tracker, &fault) == ST_OK);
+    memset(pixels, 5, sizeof pixels);
+    CHECK(st_extract(tracker, 1, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.reason.code == ST_REASON_BLANK && found.reason.figure[0] == 0x505);
+    CHECK(isnan(found.background_dn) && found.centroids == 0);
+    CHECK(st_centroids(tracker, &count) != NULL && count == 0);
+    CHECK(st_extract(NULL, 1, &image, NULL, 0, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, NULL, NULL, 0, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, &image, NULL, 1, 0, 1, &found) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, 1, &image, NULL, 0, 0, 1, NULL) == ST_NULL_POINTER);
+    CHECK(st_extract(tracker, -1, &image, NULL, 0, 0, 1, &found) == ST_BAD_INPUT);
+    CHECK(st_extract(tracker, 2, &image, &prediction, 5000, 1, 1, &found) == ST_TOO_MANY);
+    CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_OK);
+    prediction.sigma_px = NAN;
+    CHECK(st_extract(tracker, 2, &image, &prediction, 1, 1, 1, &found) == ST_BAD_INPUT);
+    prediction.sigma_px = 0.1;
+    image.exposure_s = -1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_INPUT);
+    image.exposure_s = 0.1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.exposure_least_s == 0.1 && found.exposure_most_s == 0.1);
+    image.exposure_s = 0;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.exposure_least_s == 0.1 && found.exposure_most_s == 0.1);
+    image.stride_bytes = 259;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.stride_bytes = 258;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.stride_bytes = 260;
+    image.pixels = pixels + 1;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.type = ST_GREY8;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_OK);
+    image.cell = 2;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.cell = 0;
+    CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
+    image.cell = 1;
+    on_ground(tracker, &image);
+    CHECK(st_reset(NULL) == ST_NULL_POINTER && st_reset(tracker) == ST_OK);
+    CHECK(st_centroids(NULL, &count) == NULL && st_rejections(NULL, &count) == NULL);
+    free(block);
+}
+
 static void texts(void) {
     for (int status = 0; status <= ST_STATUS_COUNT; ++status) {
         CHECK(strlen(st_status_text((st_status)status)) > 1);
@@ -116,6 +220,7 @@ int main(void) {
     options();
     cameras();
     lists();
+    trackers();
     texts();
     printf("interface: %d failures\n", failures);
     return failures != 0;

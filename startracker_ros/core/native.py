@@ -52,7 +52,7 @@ FAULT = _struct(name='u8', **_numbers('value least most'))
 CAMERA = _struct(**_numbers('width_px height_px', 'i4'), **_numbers('fx_px fy_px cx_px cy_px'),
                  distortion=('f8', 8), **_numbers('model reserved', 'i4'))
 IMAGE = _struct(pixels='u8', stride_bytes='i8', **_numbers(
-    'width_px height_px type cell', 'i4'))
+    'width_px height_px type cell', 'i4'), exposure_s='f8')
 SKY = _struct(file='u8', bytes='u8')
 BODY = _struct(direction=_VECTOR, **_numbers('error_rad radius_rad magnitude'))
 OBSERVER = _struct(
@@ -126,6 +126,10 @@ RESULT = _struct(
     identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
     **_numbers('aberration reserved', 'i4'))
 
+STREAK = _struct(**_numbers('u_px v_px roll_rad at_u_px at_v_px'))
+SEARCH_OPTIONS = _struct(threshold_factor='f8', **_numbers(
+    'most_stars points_only narrow reserved', 'i4'))
+
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
 """All structs by their name in the header."""
@@ -144,6 +148,7 @@ def this_abi() -> np.ndarray:
 
 _POINTER, _COUNT, _STATUS, _TEXT = (
     ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_char_p)
+_STAMP, _FLAG, _NUMBER = ctypes.c_int64, ctypes.c_int32, ctypes.c_double
 FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_check_abi': (_STATUS, (_POINTER,)),
     'st_build_text': (_TEXT, ()),
@@ -154,7 +159,20 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_check_sky': (_STATUS, (_POINTER, _POINTER)),
     'st_project': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
     'st_unproject': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
-    'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT))}
+    'st_image_flow': (_STATUS, (_POINTER, _POINTER, _POINTER, _COUNT)),
+    'st_size': (_STATUS, (_POINTER,) * 4),
+    'st_create': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
+    'st_reset': (_STATUS, (_POINTER,)),
+    'st_extract': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _STAMP, _FLAG,
+                             _POINTER)),
+    'st_centroids': (_POINTER, (_POINTER, _POINTER)),
+    'st_rejections': (_POINTER, (_POINTER, _POINTER)),
+    'st_searched_size': (_STATUS, (_POINTER, _POINTER)),
+    'st_search': (_STATUS, (_POINTER,) * 8),
+    'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),
+    'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
+    'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
+    'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER))}
 """What each function returns and takes."""
 
 

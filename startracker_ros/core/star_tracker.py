@@ -5,8 +5,8 @@
 The star tracker as one object: images or centroids of a frame in, trusted attitude out.
 
 The policy stands here once: the tracker processes every frame, its attitude goes out if its tracks
-fit it, and a frame is identified unless the tracker tracks and no check is due. The nodes run
-the same stages side by side, so theirs may use an identification some frames later.
+fit it, and a frame is identified unless the tracker follows the stars and no check is due. The
+nodes run the same stages side by side, so theirs may use an identification some frames later.
 """
 
 from datetime import datetime
@@ -31,7 +31,6 @@ from startracker_ros.core.stages.extraction import ExtractionStage
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
 from startracker_ros.core.stages.tracking import make_track_filter
-from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.core.values import of_type, vector_of
 
@@ -154,8 +153,7 @@ class StarTracker:
 
     def identifier_is_idle(self, stamp_ns: int, windowed: bool = False) -> bool:
         """Return whether the next frame needs no identification."""
-        return self.identification.is_idle(
-            stamp_ns, self.tracker.state is TrackerState.TRACKING, windowed)
+        return self.identification.is_idle(stamp_ns, self.tracker.follows, windowed)
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Identify a frame for the tracker."""

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.extraction import CentroidExtractor
-from startracker_ros.core.centroid.spots import find_spots, fitted_where_close
 
 LISTS = 4
 _SPREAD_SHARE = 2.0  # of spots that are spread over the image
+_SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
 _BINNED_SIDE_PX = 128  # least side of an image that is searched at half its resolution too
 
 
@@ -34,7 +34,8 @@ class Detections:
 
     def __init__(self, image: np.ndarray) -> None:
         self._image = image
-        self._points = CentroidExtractor().measure(image, points_only=True)
+        self._extractor = CentroidExtractor()
+        self._points = self._extractor.measure(image, points_only=True)
         self.extraction = self._points
         self._lists = [self.extraction.centroids]
 
@@ -51,13 +52,26 @@ class Detections:
         if self._points.status in ('blank', 'saturated', 'too_small'):
             return Centroids.empty()
         if index == 1:
-            return fitted_where_close(find_spots(image), self._points.centroids)
+            return _fitted_where_close(
+                self._extractor.find_spots(image), self._points.centroids)
         if index == 3:
-            self.extraction = CentroidExtractor().measure(image)
+            self.extraction = self._extractor.measure(image)
             return self.extraction.centroids
         if min(image.shape) < _BINNED_SIDE_PX:
             return Centroids.empty()
         return _spots_at_half_resolution(image)
+
+
+def _fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:
+    """Return the spots, with position and error of the fitted stars at their centres."""
+    if not len(fitted):
+        return spots
+    distance = np.linalg.norm(spots.uv[:, None] - fitted.uv, axis=-1)
+    nearest = distance.argmin(axis=1)
+    same = distance[np.arange(len(spots)), nearest] < _SAME_PX
+    uv, sigma_px = spots.uv.copy(), spots.sigma_px.copy()
+    uv[same], sigma_px[same] = fitted.uv[nearest[same]], fitted.sigma_px[nearest[same]]
+    return Centroids(uv, spots.flux, spots.snr, sigma_px)
 
 
 def _spots_at_half_resolution(image: np.ndarray) -> Centroids:
@@ -67,6 +81,6 @@ def _spots_at_half_resolution(image: np.ndarray) -> Centroids:
     # The sum of four, halved: the depth of the pixels stays, and so does most of the precision.
     binned = (blocks.sum((1, 3), dtype=np.uint32) // 2).astype(np.uint16)
     # Where all stars are saturated, those of the blurred side of a wide lens seem the brightest.
-    spots = find_spots(binned, _SPREAD_SHARE, calm=True)
+    spots = CentroidExtractor().find_spots(binned, _SPREAD_SHARE, calm=True)
     return replace(spots, uv=2 * spots.uv + 0.5, sigma_px=2 * spots.sigma_px,
                    covariance=ROUND)

@@ -12,10 +12,10 @@ import numpy as np
 from startracker_ros.core.astro.aberration import apparent_directions
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.attitude.systematic_errors import with_observer_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.integrity.systematic_errors import with_observer_error
 from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, multiply, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage

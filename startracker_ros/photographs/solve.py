@@ -21,7 +21,6 @@ from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
-from startracker_ros.core.centroid.hits import without_clusters
 from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
@@ -38,6 +37,7 @@ from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
+from startracker_ros.photographs.hot_clusters import without_clusters
 from startracker_ros.photographs.outputs import Outputs
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG

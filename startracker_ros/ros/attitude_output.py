@@ -16,7 +16,7 @@ from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.attitude.validation import TrustedAttitude
+from startracker_ros.core.integrity.validation import TrustedAttitude
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_matrix, sign_continuous)
 from startracker_ros.core.options import option, Options

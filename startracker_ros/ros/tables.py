@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Annotated YAML and documentation from the option tables: python -m startracker_ros.ros.tables.
+Annotated YAML and documentation from tables in the code: python -m startracker_ros.ros.tables.
 
-Writes config/<node>.yaml and docs/parameters.md of the source tree it is started in.
+Writes config/<node>.yaml, docs/parameters.md and docs/integrity.md of the source tree it is
+started in.
 """
 
 from pathlib import Path
+import re
 import textwrap
 
+from startracker_ros.core.integrity.checks import Check, CHECKS
 from startracker_ros.core.options import Option, yaml_value
 from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.node import node_class_of
@@ -70,10 +73,44 @@ def markdown_text() -> str:
     return '\n'.join(lines) + '\n'
 
 
+def _threshold(check: Check) -> str:
+    by_chance = f'{check.probability:.2g}' if check.probability else ''
+    if check.dof:
+        by_chance += f' (chi-square of {check.dof}: {check.threshold:.3g})'
+    return '; '.join(filter(None, (
+        by_chance, *(f'{name} {limit:g}' for name, limit in check.limits.items()),
+        ', '.join(f'`{name}`' for name in check.options.split(', ') if name),
+        f'{check.frames} frames' if check.frames else '')))
+
+
+def checks_text() -> str:
+    """Return the page of all checks of integrity."""
+    lines = [
+        '# Integrity', '',
+        'Every check that decides whether the stars of a frame are used and their attitude is',
+        'trusted; [identification](identification.md#verification) has its own. Made by',
+        f'`{_COMMAND}` from [checks.py](../startracker_ros/core/integrity/checks.py), from which',
+        'the code takes its thresholds. In the same folder validation.py decides what is',
+        'published, and protection.py has the [protection level](tracking.md#protection-level).',
+        '', 'A threshold is the probability that chance exceeds it in a frame without a fault,',
+        'with the chi-square of so many degrees of freedom in parentheses; or figures with their',
+        'units where the evidence has no known distribution; or [parameters](parameters.md). What',
+        'widens the covariance is a term of the [error budget](tracking.md#error-budget). A',
+        'sentence is the `reason` in `tracker_status` or in `/diagnostics`, with its figures;',
+        'where another hypothesis is tried there is none.', '',
+        '| check | evidence | threshold | action | what a user sees |', '|---|---|---|---|---|']
+    for name, check in CHECKS.items():
+        seen = re.sub(r'{.*?}', '…', check.diagnostic) or '—'
+        lines.append(f'| {name.lower().replace("_", " ")} | {check.evidence} | '
+                     f'{_threshold(check)} | {check.action} | {seen} |')
+    return '\n'.join(lines) + '\n'
+
+
 def files() -> dict[str, str]:
     """Return the text of every generated file, by its path in the source tree."""
     texts = {f'config/{node}.yaml': yaml_text(node) for node in NODES}
     texts['docs/parameters.md'] = markdown_text()
+    texts['docs/integrity.md'] = checks_text()
     return texts
 
 

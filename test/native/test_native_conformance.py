@@ -120,7 +120,8 @@ def run(name, *arguments, sanitized=False):
 
 @pytest.mark.parametrize('sanitized', [False, True], ids=['plain', 'sanitized'])
 @pytest.mark.parametrize('name, arguments', [
-    ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1])])
+    ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1]),
+    ('fuzz_images', [300, 1])])
 def test_the_runner_finds_nothing(name, arguments, sanitized):
     """Under sanitizers any error of memory, or undefined behaviour, ends the program."""
     done = run(name, *arguments, sanitized=sanitized)
@@ -131,8 +132,9 @@ def test_the_runner_finds_nothing(name, arguments, sanitized):
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [2, 3])
 def test_a_million_impossible_inputs(seed):
-    done = run('fuzz', 1_000_000, seed * 10 ** 9, sanitized=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    for name, rounds in (('fuzz', 1_000_000), ('fuzz_images', 2000)):
+        done = run(name, rounds, seed * 10 ** 9, sanitized=True)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_sanitizers_end_a_program_with_an_error(tmp_path):

@@ -3,17 +3,20 @@
 
 """Images and cameras that cannot be right are named by the extractor, which lives on."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest, TimeReference
 from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import camera_to_message, image_to_message
+from startracker_ros.ros.messages.image import (
+    camera_to_message, exposure_to_message, image_to_message)
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 
@@ -41,15 +44,18 @@ class Extractor:
         self.camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
         self.set_camera(camera_to_message(CAMERA, header(0)))
         self.image = probe.advertise(Image, 'image_raw', qos.IMAGE)
+        self.exposure_start = probe.advertise(TimeReference, 'exposure_start', qos.LIST)
         probe.wait(lambda: probe.count_publishers('centroids'), 'centroids offered')
 
     def set_camera(self, message):
         """Publish a camera_info; between two topics there is no order, so it is counted first."""
         self.probe.publish_until_received(self.camera_info, message)
 
-    def send(self, image, **changes):
-        """Send an image, changed or not, and return its stamp."""
+    def send(self, image, exposure_s=None, **changes):
+        """Send an image, changed or not, perhaps after its exposure, and return its stamp."""
         self.index += 1
+        if exposure_s is not None:
+            self.exposure_start.publish(exposure_to_message(exposure_s, header(self.index)))
         message = image_to_message(image, header(self.index))
         for name, value in changes.items():
             setattr(message, name, value)
@@ -103,6 +109,28 @@ def test_image_that_is_none(extractor, probe, sky, changes, words):
     extractor.send_until_reported(sky, words, **changes)
     assert not probe.received['centroids']
     extractor.still_works(sky)
+
+
+def test_an_exposure_that_cannot_be_is_named_and_the_one_before_holds(extractor, probe, sky):
+    """Frames are 0.1 s apart."""
+    rng = np.random.default_rng(5)
+
+    def are_of(exposure_s):
+        """Return whether the newest list of stars has this exposure."""
+        clouds = probe.received['centroids'][-1:]
+        return all(set(read_cloud(cloud, CENTROID_DTYPE)[name]) == {np.float32(exposure_s)}
+                   for cloud in clouds for name in ('exposure_min', 'exposure_max')) and clouds
+
+    def send_until(exposure_s, condition, what):
+        probe.send_until(lambda: extractor.send(
+            sky + rng.integers(0, 3, sky.shape, sky.dtype), exposure_s), condition, what)
+
+    for exposure_s in (0.04, 0.08):
+        send_until(exposure_s, partial(are_of, exposure_s), f'stars exposed for {exposure_s} s')
+    for wrong_s, words in ((-0.02, 'the start of the exposure, is not before header.stamp'),
+                           (0.4, 'exposure of 0.4 s is longer than the 0.1 s from frame')):
+        send_until(wrong_s, partial(probe.find_diagnostic, words), words)
+        assert are_of(0.08)
 
 
 def as_message(image, encoding):

@@ -3,6 +3,9 @@
 
 """camera_source with files in place of a camera: waits for them, publishes, ends, changes."""
 
+import time
+from types import SimpleNamespace
+
 import cv2
 from limits import HANGS_S
 import numpy as np
@@ -10,7 +13,7 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, TimeReference
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.exposure.control import Setting
 from startracker_ros.io.bags.layouts import camera_from_message, image_from_message, ns_from_stamp
@@ -101,3 +104,29 @@ def test_exposure_and_gain_are_reported_as_far_as_they_are_known(node):
     assert (values['exposure_ms'], values['gain']) == ('200', '64')
     node.deactivate()
     assert not values
+
+
+def test_an_exposure_that_is_known_is_published_before_its_image(node):
+    """The stand-in is the capture; files say no exposure time."""
+    received = []
+    for kind, topic, profile in ((TimeReference, 'exposure_start', qos.LIST),
+                                 (Image, 'image_raw', qos.IMAGE)):
+        node.create_subscription(kind, topic, received.append, profile)
+    stamp_ns, pixels = 1_767_225_600_250_000_000, np.zeros((480, 640), np.uint8)
+    captured = [Captured(pixels, stamp_ns, 'driver', 0.0, Setting(199.96, 64.0)),
+                Captured(pixels, stamp_ns + 250_000_000, 'driver', 0.0)]
+    node.rebuild()
+    node.trigger_configure()
+    node.trigger_activate()
+    node._capture.stop()
+    node._capture = SimpleNamespace(newest=lambda: captured.pop(0), stop=lambda: None)
+    begin_s = time.monotonic()
+    for _ in range(2):
+        node._publish()
+    while len(received) < 3 and time.monotonic() < begin_s + HANGS_S:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    exposure, = (one for one in received if isinstance(one, TimeReference))
+    images = [one for one in received if isinstance(one, Image)]
+    assert exposure.header == images[0].header and len(images) == 2
+    assert exposure.source == 'exposure'
+    assert ns_from_stamp(exposure.time_ref) == stamp_ns - 99_980_000

@@ -9,6 +9,9 @@ import sys
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
+from sensor_msgs.msg import TimeReference
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.ros import qos
 
 DRIVER = Path(__file__).with_name('foreign_driver.py')
 TASK = 'exposure_controller: exposure'
@@ -30,6 +33,7 @@ def values(probe):
 @pytest.mark.parametrize('kind', ['integer', pytest.param('double', marks=pytest.mark.long)])
 def test_a_driver_gets_the_exposure_that_its_stars_ask_for(rig, probe, kind):
     start(rig, kind, exposure_max_ms=400.0)
+    probe.collect(TimeReference, 'exposure_start', qos.LIST)
     # It begins at 2 ms, where there are few stars.
     probe.wait(lambda: float(probe.diagnostic_value(TASK, 'exposure_ms') or 0) > 100,
                'a longer exposure')
@@ -37,6 +41,9 @@ def test_a_driver_gets_the_exposure_that_its_stars_ask_for(rig, probe, kind):
     exposure, gain = values(probe)
     assert type(exposure) is type(gain) is (int if kind == 'integer' else float)
     assert 100 < exposure * (0.1 if kind == 'integer' else 0.001) <= 400 and gain == 3
+    exposures_s = [2e-9 * (ns_from_stamp(message.header.stamp) - ns_from_stamp(message.time_ref))
+                   for message in probe.received['exposure_start']]
+    assert 0.002 <= exposures_s[0] < 0.1 < exposures_s[-1] <= 0.4
 
 
 @pytest.mark.parametrize('parameters, problem', [

@@ -22,23 +22,23 @@ from startracker_ros.ros.processes import node_environment, NodeProcesses
 NOWHERE = """
 from startracker_ros.core import machine_code
 machine_code._folders = list
-from startracker_ros.ros.nodes.centroid_extractor import main
+from startracker_ros.ros.nodes.star_tracker import main
 main()
 """
 
 
 @pytest.mark.parametrize('run, reason', [
-    (['-m', 'startracker_ros.ros.nodes.centroid_extractor'], 'for a minute, and only once'),
+    (['-m', 'startracker_ros.ros.nodes.star_tracker'], 'for a minute, and only once'),
     (['-c', NOWHERE], 'at each start: no folder to keep it in can be written')])
 def test_a_node_says_that_it_compiles_and_can_be_ended(probe, tmp_path, run, reason):
     empty = str(tmp_path / 'none') if '-m' in run else ''
     processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': empty})
-    process = processes.run('centroid_extractor', [sys.executable, *run])
+    process = processes.run('star_tracker', [sys.executable, *run])
     try:
         # Before any camera_info, and while it compiles: the log and the diagnostics.
         status = probe.wait_diagnostic(reason)
         assert status.level == DiagnosticStatus.WARN and status.message.startswith('compiling')
-        log = tmp_path / 'centroid_extractor.log'
+        log = tmp_path / 'star_tracker.log'
         probe.wait(lambda: reason in log.read_text(), 'the log')
         assert 'ready' not in log.read_text()
         process.send_signal(signal.SIGINT)

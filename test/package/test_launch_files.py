@@ -138,11 +138,13 @@ def test_replay_is_the_pipeline_behind_a_bag(launched):
     given = player['parameters'][-1]
     assert launch.typed(given['path']) == 'my_bag'
     assert given['topics'] == [
-        '*/image_raw', '*/image_raw/compressed', '*/camera_info', '*/imu', '*/odometry']
+        '*/image_raw', '*/image_raw/compressed', '*/camera_info', '*/exposure_start', '*/imu',
+        '*/odometry']
     # Relative names are in the namespace of the player, as those of the pipeline.
     assert player['remappings'] == [
         (f'/{topic}', topic) for topic in (
-            'image_raw', 'image_raw/compressed', 'camera_info', 'imu', 'odometry')]
+            'image_raw', 'image_raw/compressed', 'camera_info', 'exposure_start', 'imu',
+            'odometry')]
     assert given['wait_for_camera_users'] == len(STAGES)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE

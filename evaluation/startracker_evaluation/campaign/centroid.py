@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.core.centroid.moments import WEIGHTS
+from startracker_ros.core.centroid.extraction import (
+    CentroidExtractor, ExtractionOptions, WEIGHTS)
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.io.images.images import read_image

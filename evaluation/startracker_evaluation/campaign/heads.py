@@ -9,8 +9,9 @@ import time
 import numpy as np
 from startracker_evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
-from startracker_evaluation.campaign.integrity import CONDITIONS, run_of
+from startracker_evaluation.campaign.integrity import CONDITIONS, NEES_BOUNDS, run_of
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -255,11 +256,11 @@ def snapshots(runs: int, seed: int) -> np.ndarray:
 def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the error (3,) of a state without knowledge after covariances and errors (3,)."""
     north = np.array([0.0, 0.0, 0.0, 1.0])
-    state = FusedState(0, north, np.zeros(3), np.zeros(3), np.zeros(0),
-                       np.eye(BODY) * 1e-2)
+    state = FusedState.begin(AttitudeState(0, north, np.zeros(3), np.zeros(3),
+                                           np.eye(BODY) * 1e-2), np.ones(3), 1.0, np.empty(0))
     for covariance, error in measured:
-        state = state.updated(state.innovation(Measurement(
-            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0)))))
+        state = state.updated(Measurement(
+            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0))), 0)
     return 2 * state.quaternion[:3]
 
 
@@ -446,7 +447,8 @@ def _rows_snapshots(case: str, rows: np.ndarray) -> list[Row]:
 def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows[:, :4].sum(axis=0)
     cpu_us = float(np.median(rows[:, 4]))
-    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=2.4, most=3.3),
+    low, high = NEES_BOUNDS
+    return [Row('heads drop in and out: mean NEES', nees / frames, '', least=low, most=high),
             Row('heads drop in and out: fused frames', frames, 'frames'),
             *_wrong_rows('heads drop in and out', wrong, gross),
             Row('processor time of a frame', cpu_us, 'us', most=300)]
@@ -454,7 +456,8 @@ def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
 
 def _rows_motions(case: str, rows: np.ndarray) -> list[Row]:
     nees, frames, wrong, gross = rows.sum(axis=0)
-    return [Row(f'{case}: mean NEES', nees / frames, '', least=2.0, most=3.8),
+    low, high = NEES_BOUNDS
+    return [Row(f'{case}: mean NEES', nees / frames, '', least=low, most=high),
             Row(f'{case}: wrong attitudes', wrong, 'frames', f'<= {WRONG_SHARE:g} of the frames',
                 wrong <= WRONG_SHARE * frames),
             Row(f'{case}: gross attitudes', gross, 'frames', exactly=0)]

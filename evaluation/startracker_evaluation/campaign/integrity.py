@@ -253,7 +253,7 @@ Bounds of the mean normalised squared error of 3 axes, of the supported conditio
 
 The lower one leaves room for motions that may begin in any frame, which the covariance contains.
 Only the upper one holds where the camera is shaken within an exposure, or line_time_us is wrong:
-what the covariance adds for that is no error of each frame.
+what the covariance adds for that is not an error of each frame.
 """
 
 _Any = Condition | ImageCondition | MotionCondition
@@ -279,6 +279,8 @@ class IntegrityRow:
     wrong_below: float
     worst_sigma: float
     mean_nees: float | None
+    sharp_nees: float | None
+    wide_nees: float | None
     rates_beyond_5_sigma: int
     rates_mean_nees: float | None
     at_beyond_5_sigma: int | None
@@ -418,6 +420,7 @@ def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
         low = 0.0
     published, below = tally.published, share_below(tally.wrong, tally.frames)
     nees = tally.nees / published if published else None
+    quarters = tally.nees_by_quarter() or (None, None)
     bound, holds = combined([
         (f'<= {share_wrong:g} wrong', tally.wrong <= share_wrong * tally.frames),
         ('0 gross', not tally.gross),
@@ -427,7 +430,8 @@ def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
     shown = detectable and (not holds or below <= share_wrong)
     return IntegrityRow(
         name, tally.frames, share, bound if detectable else 'not detectable', tally.wrong,
-        tally.gross, below, tally.worst_sigma, nees, tally.rates_wrong,
+        tally.gross, below, tally.worst_sigma, nees,
+        quarters[0], quarters[-1], tally.rates_wrong,
         tally.rates_nees / published if published else None,
         tally.at_wrong if tally.at else None, tally.at_nees / tally.at if tally.at else None,
         float(np.sqrt(tally.square_arcsec2 / (published or np.nan))), tally.losses,
@@ -460,7 +464,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'wrong': WRONG_TEXT,
         'wrong_below': '95 % limit of the share of the frames that is wrong, which are taken as '
                        'independent; worst_sigma is the largest error in sigma',
-        'mean_nees': 'normalised squared error, 3 when the covariance is true',
+        'mean_nees': 'normalised squared error, 3 when the covariance is true; '
+                     'sharp_nees: of the quarter of the attitudes with the least sigma',
         'rates_beyond_5_sigma': 'of the rates that go with the attitudes; no bound holds for them',
         'at_beyond_5_sigma': f'of at() {AT_S[0]:g} s and {AT_S[1]:+g} s away, in lists of '
                              'motions; no bound holds for them',

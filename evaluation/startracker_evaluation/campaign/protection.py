@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.protection import protection_level, ProtectionOptions
+from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import Row

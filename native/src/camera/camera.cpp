@@ -87,6 +87,18 @@ bool image_does_not_fold(const Lens &lens, st_fault *fault) {
     return true;
 }
 
+/// Set the lens of a camera for a call with these arrays; ST_OK unless one of them is not possible.
+st_status lens_for(const st_camera *camera, const double *from, const double *to, Lens &lens) {
+    if (camera == nullptr || from == nullptr || to == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (!numbers_are_possible(*camera, nullptr)) {
+        return ST_OUT_OF_RANGE;
+    }
+    lens = lens_of(*camera);
+    return ST_OK;
+}
+
 }  // namespace
 }  // namespace st
 
@@ -108,13 +120,10 @@ st_status st_check_camera(const st_camera *camera, st_fault *fault) {
 
 st_status st_project(const st_camera *camera, const double *direction, double *pixel,
                      size_t count) {
-    if (camera == nullptr || direction == nullptr || pixel == nullptr) {
-        return ST_NULL_POINTER;
+    Lens lens;
+    if (const st_status status = lens_for(camera, direction, pixel, lens); status != ST_OK) {
+        return status;
     }
-    if (!numbers_are_possible(*camera, nullptr)) {
-        return ST_OUT_OF_RANGE;
-    }
-    const Lens lens = lens_of(*camera);
     for (size_t i = 0; i < count; ++i) {
         const double *d = direction + 3 * i;
         const Point found = project(lens, {{d[0], d[1], d[2]}});
@@ -126,13 +135,10 @@ st_status st_project(const st_camera *camera, const double *direction, double *p
 
 st_status st_unproject(const st_camera *camera, const double *pixel, double *direction,
                        size_t count) {
-    if (camera == nullptr || pixel == nullptr || direction == nullptr) {
-        return ST_NULL_POINTER;
+    Lens lens;
+    if (const st_status status = lens_for(camera, pixel, direction, lens); status != ST_OK) {
+        return status;
     }
-    if (!numbers_are_possible(*camera, nullptr)) {
-        return ST_OUT_OF_RANGE;
-    }
-    const Lens lens = lens_of(*camera);
     for (size_t i = 0; i < count; ++i) {
         const Vector3 found = unproject(lens, {pixel[2 * i], pixel[2 * i + 1]});
         for (int k = 0; k < 3; ++k) {
@@ -144,13 +150,10 @@ st_status st_unproject(const st_camera *camera, const double *pixel, double *dir
 
 st_status st_image_flow(const st_camera *camera, const double *direction, double *flow,
                         size_t count) {
-    if (camera == nullptr || direction == nullptr || flow == nullptr) {
-        return ST_NULL_POINTER;
+    Lens lens;
+    if (const st_status status = lens_for(camera, direction, flow, lens); status != ST_OK) {
+        return status;
     }
-    if (!numbers_are_possible(*camera, nullptr)) {
-        return ST_OUT_OF_RANGE;
-    }
-    const Lens lens = lens_of(*camera);
     for (size_t i = 0; i < count; ++i) {
         const double *d = direction + 3 * i;
         const Point plane = plane_point(lens.equidistant, {{d[0], d[1], d[2]}});

@@ -150,11 +150,6 @@ Flow image_flow(const Lens &lens, const Point &plane);
 /// Return the largest angle between the optical axis and a corner of the image or of its circle.
 double corner_angle(const Lens &lens);
 
-/// Return the angle of one pixel at the centre in rad, the mean of both axes.
-inline double pixel_rad(const Lens &lens) {
-    return 1 / std::sqrt(lens.fx * lens.fy);
-}
-
 /// Return the rotation from the axes of the middle of the image, +z through the middle and +y down
 /// along the image, to sensor axes.
 Quaternion middle_axes(const Lens &lens);

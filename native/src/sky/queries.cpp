@@ -53,7 +53,7 @@ int32_t step_of(const Pairs &pairs, double separation_rad) {
 
 }  // namespace
 
-Vector3 direction_at(const Sky &sky, int32_t star, double years, const Vector3 &moved_au) {
+Vector3 direction_at(const SkyFile &sky, int32_t star, double years, const Vector3 &moved_au) {
     const double *direction = sky.direction[star];
     const float *motion = sky.motion[star];
     Vector3 moved;
@@ -70,7 +70,7 @@ Vector3 direction_at(const Sky &sky, int32_t star, double years, const Vector3 &
     return moved;
 }
 
-int32_t stars_in_cone(const Sky &sky, const Vector3 &axis, double radius_rad, int32_t *index,
+int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad, int32_t *index,
                       int32_t capacity) {
     const double radius = std::fmin(radius_rad, M_PI), least = std::cos(radius);
     int32_t found = 0, kept = 0;
@@ -93,7 +93,7 @@ int32_t stars_in_cone(const Sky &sky, const Vector3 &axis, double radius_rad, in
     return found;
 }
 
-int32_t nearest_star(const Sky &sky, const Vector3 &direction, double chord, double &square) {
+int32_t nearest_star(const SkyFile &sky, const Vector3 &direction, double chord, double &square) {
     int32_t best = -1;
     square = INFINITY;
     visit_near(sky.pattern_cells, direction, chord, [&](int32_t star) {

@@ -170,7 +170,7 @@ bool are_directions(const double (*direction)[3], int32_t count, const char *nam
     return true;
 }
 
-bool stars_are_sound(const Sky &sky, st_fault *fault) {
+bool stars_are_sound(const SkyFile &sky, st_fault *fault) {
     const int64_t stars = sky.stars;
     return all_within(sky.hip, stars, "hip", 1, INT32_MAX, fault) &&
            are_directions(sky.direction, sky.stars, "direction", fault) &&
@@ -218,7 +218,7 @@ bool pairs_are_sound(const Pairs &pairs, int32_t stars, const PairNames &names, 
 
 }  // namespace
 
-bool open_sky(const st_sky &file, Sky &sky, st_fault *fault) {
+bool open_sky(const st_sky &file, SkyFile &sky, st_fault *fault) {
     if (!header_is_sound(file, fault)) {
         return false;
     }
@@ -259,7 +259,7 @@ extern "C" st_status st_check_sky(const st_sky *file, st_fault *fault) {
     if (reinterpret_cast<uintptr_t>(file->file) % 64 != 0) {
         return ST_MISALIGNED;
     }
-    Sky sky;
+    SkyFile sky;
     const bool sound =
         header_is_sound(*file, fault) && checksum_is_right(*file, fault) &&
         open_sky(*file, sky, fault) && stars_are_sound(sky, fault) &&

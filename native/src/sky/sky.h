@@ -34,7 +34,7 @@ struct Pairs {
 };
 
 /// Stars brightest first; the first pattern_stars of them are those of patterns.
-struct Sky {
+struct SkyFile {
     double epoch_year, crowd_rad, pixel_rad;
     double pattern_limit;        // magnitude
     double least_rad, most_rad;  // separations of the pairs
@@ -52,19 +52,19 @@ struct Sky {
 
 /// Find the sections of a sky file; false where one is missing or of another size. What is in
 /// them is not looked at: that is for st_check_sky.
-bool open_sky(const st_sky &file, Sky &sky, st_fault *fault);
+bool open_sky(const st_sky &file, SkyFile &sky, st_fault *fault);
 
 /// Return the direction of a star so many years after the epoch of the file, from the Earth that
 /// has moved by moved_au about the barycentre: uniform straight motion (ESA SP-1200, 1.5.5).
-Vector3 direction_at(const Sky &sky, int32_t star, double years, const Vector3 &moved_au);
+Vector3 direction_at(const SkyFile &sky, int32_t star, double years, const Vector3 &moved_au);
 
 /// Put the stars within an angle of a unit vector into index, brightest first. Return how many
 /// there are: beyond capacity the faintest are left out.
-int32_t stars_in_cone(const Sky &sky, const Vector3 &axis, double radius_rad, int32_t *index,
+int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad, int32_t *index,
                       int32_t capacity);
 
 /// Return the pattern star nearest to a unit vector and the squared chord; -1 for none within one.
-int32_t nearest_star(const Sky &sky, const Vector3 &direction, double chord, double &square);
+int32_t nearest_star(const SkyFile &sky, const Vector3 &direction, double chord, double &square);
 
 /// A range of pairs, empty where first is end.
 struct PairRange {

@@ -13,12 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector, turned
-from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import inverse
-
-NIS_GATE = gate(1e-5, 3)
-"""Normalised innovation squared of an attitude that chance exceeds once in a hundred thousand
-frames."""
 
 
 class AttitudeState(NamedTuple):
@@ -37,18 +32,13 @@ class AttitudeState(NamedTuple):
 
     def propagated_at_constant_rate(self, to_ns: int, acceleration_density: np.ndarray,
                                     drift_density: float) -> 'AttitudeState':
-        """Return that of predicted_at_constant_rate()."""
-        return self.predicted_at_constant_rate(to_ns, acceleration_density, drift_density).state
-
-    def predicted_at_constant_rate(self, to_ns: int, acceleration_density: np.ndarray,
-                                   drift_density: float) -> 'Prediction':
         """
-        Predict the state at a later time; the rate is constant but for white acceleration.
+        Return the state at a later time; the rate is constant but for white acceleration.
 
         acceleration_density (3,) about each axis and drift_density, that of the change of the
         drift about all axes, are spectral densities in rad^2/s^3.
         """
-        return Prediction.of(to_ns, *_propagated_at_constant_rate(
+        return AttitudeState(to_ns, *_propagated_at_constant_rate(
             *self[1:], (to_ns - self.stamp_ns) * 1e-9, acceleration_density, drift_density))
 
     def propagated_at_gyro_rates(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray,
@@ -59,27 +49,14 @@ class AttitudeState(NamedTuple):
 
         They last for dt_s (K,) one after another. The rate of the state before is not used.
         noise_density (K,) is that of the white noise of the gyro, rad^2/s; attitude_variance (K,)
-        rad^2 is added to each axis.
+        rad^2 is added to each axis. A covariance may have constants after the drift.
         """
         return AttitudeState(to_ns, *_propagated_at_gyro_rates(
             *self[1:], dt_s, measured, noise_density, attitude_variance, drift_density))
 
     def with_rate(self, measured: np.ndarray, variance: float) -> 'AttitudeState':
         """Return the state updated by a measured rate (3,) of this variance of each axis."""
-        return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance)[:4])
-
-    def filtered(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
-                 acceleration: np.ndarray, acceleration_density: np.ndarray, drift_density: float
-                 ) -> 'Prediction':
-        """
-        Predict the state at a later time, at an acceleration (3,) rad/s^2, updated by each rate.
-
-        Rates measured (K, 3) of variance (K,) of each axis, dt_s (K + 1,) after one another and
-        up to the end; densities as in predicted_at_constant_rate().
-        """
-        return Prediction.of(to_ns, *_filtered(
-            *self[1:], dt_s, measured, variance, acceleration, acceleration_density,
-            drift_density))
+        return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance))
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
@@ -99,30 +76,10 @@ class AttitudeState(NamedTuple):
         return self._replace(drift=np.zeros(3), covariance=covariance)
 
 
-class Prediction(NamedTuple):
-    """
-    A state at a later time.
-
-    Its error is transition (9, 9) times that of the state before, plus noise; process (9, 9) is
-    the part of its covariance by the acceleration since.
-    """
-
-    state: AttitudeState
-    transition: np.ndarray
-    process: np.ndarray
-
-    @classmethod
-    def of(cls, stamp_ns: int, quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
-           covariance: np.ndarray, transition: np.ndarray, process: np.ndarray) -> 'Prediction':
-        """Return that of the numbers of a state."""
-        return cls(AttitudeState(stamp_ns, quaternion, rate, drift, covariance), transition,
-                   process)
-
-
 @compiled
-def _turn_transition(turn: np.ndarray) -> np.ndarray:
-    """Return the identity (9, 9) with exp(-[turn]x), the attitude error on turned axes."""
-    transition = np.eye(9)
+def _turn_transition(turn: np.ndarray, size: int) -> np.ndarray:
+    """Return the identity of a size with exp(-[turn]x), the attitude error on turned axes."""
+    transition = np.eye(size)
     transition[:3, :3] = matrix_from_rotation_vector(turn).T
     return transition
 
@@ -131,14 +88,10 @@ def _turn_transition(turn: np.ndarray) -> np.ndarray:
 def _propagated_at_constant_rate(
         quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
         dt_s: float, acceleration_density: np.ndarray, drift_density: float
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I.
-
-    Return also Phi and Q.
-    """
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I."""
     turn = rate * dt_s
-    transition = _turn_transition(turn)
+    transition = _turn_transition(turn, 9)
     process = np.zeros((9, 9))
     for axis in range(3):
         transition[axis, 3 + axis] = dt_s
@@ -146,10 +99,8 @@ def _propagated_at_constant_rate(
         process[axis, 3 + axis] = acceleration_density[axis] * dt_s ** 2 / 2
         process[3 + axis, axis] = acceleration_density[axis] * dt_s ** 2 / 2
         process[3 + axis, 3 + axis] = acceleration_density[axis] * dt_s
-    after = transition @ covariance @ transition.T + process
-    for axis in range(6, 9):
-        after[axis, axis] += drift_density * dt_s
-    return turned(quaternion, turn), rate, drift, after, transition, process
+        process[6 + axis, 6 + axis] = drift_density * dt_s
+    return turned(quaternion, turn), rate, drift, transition @ covariance @ transition.T + process
 
 
 @compiled
@@ -162,7 +113,7 @@ def _propagated_at_gyro_rates(
     for k in range(len(dt_s)):
         rate = measured[k] - drift
         turn = rate * dt_s[k]
-        transition = _turn_transition(turn)
+        transition = _turn_transition(turn, len(covariance))
         for axis in range(3):
             transition[axis, 6 + axis] = -dt_s[k]
             transition[3 + axis, 3 + axis] = 0.0
@@ -180,42 +131,15 @@ def _propagated_at_gyro_rates(
 @compiled
 def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
                measured: np.ndarray, variance: float
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P.
-
-    Return also I - K H.
-    """
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P."""
     cross_covariance = covariance[:, 3:6] + covariance[:, 6:]
     innovation_covariance = cross_covariance[3:6] + cross_covariance[6:] + variance * np.eye(3)
     gain = cross_covariance @ inverse(innovation_covariance)
     change = gain @ (measured - rate - drift)
     after = covariance - gain @ cross_covariance.T
-    kept = np.eye(9)
-    kept[:, 3:6] -= gain
-    kept[:, 6:] -= gain
     return (turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:],
-            (after + after.T) / 2, kept)
-
-
-@compiled
-def _filtered(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-              dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
-              acceleration: np.ndarray, acceleration_density: np.ndarray, drift_density: float
-              ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    transition, process = np.eye(9), np.zeros((9, 9))
-    for k in range(len(dt_s)):
-        change = acceleration * dt_s[k]
-        quaternion, _, _, covariance, Phi, Q = _propagated_at_constant_rate(
-            quaternion, rate + change / 2, drift, covariance, dt_s[k], acceleration_density,
-            drift_density)
-        rate = rate + change
-        transition, process = Phi @ transition, Phi @ process @ Phi.T + Q
-        if k < len(measured):
-            quaternion, rate, drift, covariance, kept = _with_rate(
-                quaternion, rate, drift, covariance, measured[k], variance[k])
-            transition, process = kept @ transition, kept @ process @ kept.T
-    return quaternion, rate, drift, covariance, transition, process
+            (after + after.T) / 2)
 
 
 @compiled

@@ -10,10 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, Prediction
-from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.gates import gate
-from startracker_ros.core.maths.small_algebra import inverse
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.values import vector_of
 
@@ -28,7 +25,6 @@ IMPOSSIBLE_RAD_S = 100.0
 """More than the range of any gyro, 5730 deg/s: such a number is in another unit."""
 
 SATURATED = 0.999  # of the range
-UNEXPECTED = gate(1e-3, 3)  # chi-square of three axes that one in 1000 exceeds by chance
 MOST_RATES = 4  # in a frame interval, for the modes of motion
 _MAX_MEASUREMENTS = 100_000
 
@@ -65,10 +61,6 @@ class GyroStep(NamedTuple):
     rate_rad_s: np.ndarray
     noise_density: float
     variance: float
-
-
-AT_ITS_RANGE = ('imu reaches gyro_range_deg_s: its rates are not used while the true ones may be '
-                'larger')
 
 
 def checked_rate(rate_rad_s: np.ndarray) -> np.ndarray:
@@ -184,57 +176,30 @@ class Gyro:
         return ((stamps_ns[after] - stamps_ns[index]) * 1e-9 if after < len(stamps_ns)
                 else math.inf)
 
-    def filtered(self, state: AttitudeState, to_ns: int, acceleration: np.ndarray,
-                 acceleration_density: np.ndarray) -> Prediction:
-        """
-        Predict the state at a later time, at an acceleration (3,) rad/s^2, updated by each rate.
-
-        acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
-        """
-        dt_s, rates, variances = self.rates(state.stamp_ns, to_ns, most=_MAX_MEASUREMENTS)
-        return state.filtered(to_ns, dt_s, rates, variances, acceleration, acceleration_density,
-                              self.drift_density)
-
-    def expects(self, state: AttitudeState, to_ns: int, acceleration: np.ndarray,
-                variance: np.ndarray) -> bool:
-        """
-        Return whether the rates until a time are those of a body at this acceleration.
-
-        acceleration (3,) rad/s^2 has a variance (3,) about each axis.
-        """
-        begin = bisect_right(self._stamps_ns, state.stamp_ns)
-        end = bisect_right(self._stamps_ns, to_ns)
-        if begin == end:
-            return True
-        dt_s = (to_ns - state.stamp_ns) * 1e-9
-        mean = sum(self._rates[begin:end]) / (end - begin)
-        return _unexpected(
-            state.rate, state.drift, state.covariance, mean - acceleration * (dt_s / 2),
-            self.noise_density / dt_s + variance * (dt_s / 2) ** 2) < UNEXPECTED
-
-    def rates(self, from_ns: int, to_ns: int, most: int = MOST_RATES
-              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def rates(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return the measured rates (K, 3) between two times, their variances (K,) and dt_s (K + 1,).
 
         dt_s are the times from one to the next, from the begin and up to the end. A mean rate
-        counts at the middle of its interval; no more than most of them, means of more.
+        counts at the middle of its interval; no more than MOST_RATES, means of more.
         """
         begin = max(bisect_right(self._stamps_ns, from_ns), 1)
         end = bisect_right(self._stamps_ns, to_ns)
         times_ns, rates, variances = [from_ns], list[np.ndarray](), list[float]()
-        every = max(-(-(end - begin) // most), 1)
+        every = max(-(-(end - begin) // MOST_RATES), 1)
         for first in range(begin, end, every):
             after = min(first + every, end)
             stamps_ns = self._stamps_ns[first - 1:after]
             if stamps_ns[-1] <= stamps_ns[0]:
                 continue
-            seconds = np.diff(stamps_ns) * 1e-9
+            measured_ns = np.array(stamps_ns)
+            seconds = (measured_ns[1:] - measured_ns[:-1]) * 1e-9
             times_ns.append(max((stamps_ns[-1] + stamps_ns[0]) // 2, times_ns[-1]))
             rates.append(seconds @ np.array(self._rates[first:after]) / seconds.sum())
             variances.append(self.noise_density / seconds.sum())
         times_ns.append(to_ns)
-        return (np.diff(times_ns) * 1e-9, np.array(rates).reshape(-1, 3), np.array(variances))
+        dt_s = [(after - before) * 1e-9 for before, after in zip(times_ns, times_ns[1:])]
+        return np.array(dt_s), np.array(rates).reshape(-1, 3), np.array(variances)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""
@@ -246,19 +211,3 @@ class Gyro:
         variance = (self.noise_density / min(dt_s, measured_s)
                     + (self._rate_change_rad_s2 * dt_s) ** 2)
         return np.mean(self._rates[first:last], axis=0), variance
-
-
-@compiled
-def _unexpected(rate: np.ndarray, drift: np.ndarray, P: np.ndarray, measured: np.ndarray,
-                variance: np.ndarray) -> float:
-    """Return chi-square of a rate measured (3,) with a variance (3,) by a state, P (9, 9)."""
-    S, innovation, total = np.empty((3, 3)), measured - drift - rate, 0.0
-    for i in range(3):
-        for j in range(3):
-            S[i, j] = P[3 + i, 3 + j] + P[3 + i, 6 + j] + P[6 + i, 3 + j] + P[6 + i, 6 + j]
-        S[i, i] += variance[i]
-    information = inverse(S)
-    for i in range(3):
-        for j in range(3):
-            total += innovation[i] * information[i, j] * innovation[j]
-    return total

@@ -54,13 +54,16 @@ def pointing_covariance(common_px2: np.ndarray, camera: Camera,
 
     In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px. Where
     the body turns with a rate (3,) rad/s, a shift along the flow f of the stars is one of time,
-    by f / f^2, which turns the body about the boresight as well.
+    by f / f^2, which turns the body about the boresight as well. That a shift is one of time is as
+    likely as not: a kick moves the stars in any direction.
     """
     turn = np.array([[0.0, 1 / camera.fy], [-1 / camera.fx, 0.0], [0.0, 0.0]])
     if rate is not None:
         flow = np.array([-camera.fx * rate[1], camera.fy * rate[0]])
         turn[2] = rate[2] * flow / (flow @ flow + LEAST_FLOW_PX_S ** 2)
-    return turn @ common_px2 @ turn.T
+    covariance = turn @ common_px2 @ turn.T
+    covariance[2, 2] *= 2
+    return covariance
 
 
 def with_correlated_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera

@@ -12,13 +12,16 @@ the attitudes of single frames, whose errors are independent, and mean rates of 
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply)
 
 ACCELERATION_FACTORS = (1.0, 10.0, 100.0, 1000.0)
-"""Factors of the acceleration noise that are tried until the innovation passes NIS_GATE."""
+"""Factors of the acceleration noise that are tried until the innovation is within the gate."""
+
+_GATE = gate(1e-5, 3)
 
 _FIRST_RATE_SIGMA_RAD_S = np.radians(10.0)
 
@@ -67,7 +70,7 @@ def smooth(stamp_ns: np.ndarray, measured: np.ndarray, covariance: np.ndarray,
         rate = gyro_rad_s[k] if gyro_rad_s is not None and np.isfinite(gyro_rad_s[k, 0]) else None
         for level in ACCELERATION_FACTORS:
             steps = _to_frame(filtered[-1], int(stamp_ns[k]), noise, level, rate)
-            if _innovation2(steps[-1][0], measured[k], covariance[k]) <= NIS_GATE:
+            if _innovation2(steps[-1][0], measured[k], covariance[k]) <= _GATE:
                 break
         before, after = steps[-1]
         steps[-1] = before, _with_attitude(after, measured[k], covariance[k])

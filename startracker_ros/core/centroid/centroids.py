@@ -79,21 +79,6 @@ class Centroids:
                          self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen],
                          self.common[chosen], self.exposure_s)
 
-    def brightest(self, most: int) -> 'Centroids':
-        """Return the centroids of most flux, in this order."""
-        if len(self) <= most and (self.flux[1:] <= self.flux[:-1]).all():
-            return self
-        return self.select(np.argsort(-self.flux, kind='stable')[:most])
-
-    def of_cells(self, cell: int) -> 'Centroids':
-        """Return them in the pixels of a camera, where those of the image are cell x cell each."""
-        if cell == 1:
-            return self
-        square = cell ** 2
-        return Centroids(cell * self.uv + (cell - 1) / 2, self.flux, self.snr,
-                         cell * self.sigma_px, square * self.covariance, cell * self.delay_s,
-                         square * self.common, self.exposure_s)
-
     @property
     def are_streaks(self) -> bool:
         """Return whether the errors are those of streaks: not the same along and across."""

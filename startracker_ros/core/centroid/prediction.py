@@ -3,10 +3,9 @@
 
 """Where stars and targets will be: what a star tracker expects of the next image."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.centroid.streak import fit_streak, Streak
 
 
 @dataclass(frozen=True)
@@ -32,15 +31,3 @@ class PredictedCentroids:
             np.concatenate([self.velocity, targets.velocity]),
             np.concatenate([self.sigma_px, targets.sigma_px]),
             np.concatenate([self.hip, targets.hip]), self.stars)
-
-    def in_cells(self, cell: int) -> 'PredictedCentroids':
-        """Return them in the pixels of an image of which each is cell x cell of the camera."""
-        if cell == 1:
-            return self
-        return replace(self, uv=(self.uv - (cell - 1) / 2) / cell, velocity=self.velocity / cell,
-                       sigma_px=self.sigma_px / cell)
-
-    def motion(self, shape: tuple[int, int]) -> Streak:
-        """Return the motion of the stars in a second over an image of this shape (H, W)."""
-        stars = slice(self.stars)
-        return fit_streak(self.uv[stars], self.velocity[stars], np.ones(self.stars), shape)

@@ -6,9 +6,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.centroid.background import readable
-from startracker_ros.core.centroid.detection import full_scale
-from startracker_ros.core.centroid.extraction import Extraction
+from startracker_ros.core.centroid.extraction import CentroidExtractor, Extraction
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 
@@ -70,8 +68,7 @@ class ImageFigures:
 
 def _full_scale_dn(image: np.ndarray, levels_dn: np.ndarray) -> float:
     """Return where image (H, W) saturates, infinity where it does not."""
-    bits, image = 8 * image.itemsize, readable(image)
-    row_max, background_dn = image.max(axis=1), float(np.median(levels_dn))
-    if background_dn == row_max.max() and background_dn in [2 ** depth - 1 for depth in _DEPTHS]:
+    background_dn = float(np.median(levels_dn))
+    if background_dn == image.max() and background_dn in [2 ** depth - 1 for depth in _DEPTHS]:
         return background_dn
-    return full_scale(image, row_max, background_dn, bits)
+    return CentroidExtractor().full_scale(image, background_dn)

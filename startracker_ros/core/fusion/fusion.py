@@ -18,29 +18,25 @@ import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.epoch import why_no_date
 from startracker_ros.core.astro.observer_motion import EARTH_SIGMA_M_S
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.head import Head, HeadFrame, HeadState
 from startracker_ros.core.fusion.motion import BodyMotion
 from startracker_ros.core.fusion.mounts import Mount, MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation
+from startracker_ros.core.fusion.state import BODY, FusedState, GATE, Innovation, Measurement
 from startracker_ros.core.fusion.steps import MountStep, StepDetector
+from startracker_ros.core.integrity.checks import HEAD_DIFFERS, HEAD_RETURNS
 from startracker_ros.core.maths.compiled_rotation import rotation_between
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, sign_continuous)
+from startracker_ros.core.track.motion_filter import resumed, weight_of, WIDE, with_tails
 from startracker_ros.core.track.tracks import Hint
 
-RETURN_GATE = 9.0
-"""
-At which two heads begin or a head counts again: the state then changes by 3 sigma at most.
+RETURN_GATE = HEAD_RETURNS.threshold
+START_FACTORS = 10.0, 100.0
+"""Accelerations before a start, in units of acceleration_deg_s2, and before one that follows."""
 
-Chance exceeds it in one of 34 frames, and is only later for it. GATE, which chance exceeds once
-in a million frames, lets an error of 4 sigma in.
-"""
-LONE_HEAD_FACTORS = (10.0, 100.0)
-"""Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
-
-MANOEUVRE_FRAMES = 10
 _PLAUSIBLE_FRAMES = 4  # of a head from one check of its mount to the next
 RESTART_FRAMES = 3  # in a row that no state can be compared with
 
@@ -67,12 +63,11 @@ class FusedAttitude:
 
 
 class _Entry(NamedTuple):
-    """A frame and the state after it; factor is that of the acceleration before it."""
+    """A frame and the state after it."""
 
     state: FusedState
     head: Head
     frame: HeadFrame
-    factor: float
 
 
 class AttitudeFusion:
@@ -120,7 +115,6 @@ class AttitudeFusion:
         self.trouble = trouble
         self._untested = 0
         self.motion.forget_gyro()
-        self._factor, self._manoeuvre_frames = 1.0, 0
 
     # --- input ---
 
@@ -159,26 +153,27 @@ class AttitudeFusion:
 
     # --- from frame to frame ---
 
+    def _measurement(self, state: FusedState, head: Head, frame: HeadFrame) -> Measurement:
+        return head.measurement(frame, state.coefficients[own_coefficients(head)])
+
     def _innovation(self, state: FusedState, head: Head, frame: HeadFrame) -> Innovation:
-        own = own_coefficients(head)
-        return state.innovation(head.measurement(frame, state.coefficients[own]))
+        return state.innovation(self._measurement(state, head, frame))
 
     def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
         """Compare a frame with the state of its time and use it if the head counts."""
         index = bisect_right(
             self._history, frame.stamp_ns, key=lambda entry: entry.state.stamp_ns)
         before, newest = self._history[index - 1].state, index == len(self._history)
-        factor = self._factor if newest else self._history[index].factor
-        predicted = self.motion.propagated(before, frame.stamp_ns, factor)
+        predicted = self.motion.propagated(before, frame.stamp_ns)
         if self._gave_up(predicted):
             return None
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
-            for factor in LONE_HEAD_FACTORS:
-                predicted = self.motion.propagated(before, frame.stamp_ns, factor)
+            for mode in WIDE:
+                predicted = FusedState.of(
+                    predicted.motion, weight_of(predicted.motion, mode))
                 innovation = self._innovation(predicted, head, frame)
                 if innovation.nis <= GATE:
-                    self._factor, self._manoeuvre_frames = factor, MANOEUVRE_FRAMES
                     break
         if head.state is HeadState.USED:
             head.noise.add(innovation.nis, [
@@ -189,19 +184,17 @@ class AttitudeFusion:
         if not self._counts(head, frame, predicted, innovation):
             head.counts['agreeing, not counted yet'] += 1
             return None
-        state = predicted.updated(innovation)
-        if newest:
-            state = self.motion.learnt(before, predicted, innovation, state, factor)
+        state = predicted.updated(innovation.measured, before.stamp_ns)
         if self._gave_up(state):
             return None
         head.counts['used'] += 1
-        self._insert(index, _Entry(state, head, frame, factor))
+        self._insert(index, _Entry(state, head, frame))
         self._observe(head, frame, predicted, innovation)
         head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
         if not newest or (head.counts['used'] % _PLAUSIBLE_FRAMES == 0
                           and self._has_implausible_mounts(frame.stamp_ns)):
             return None
-        if factor == 1 and self.motion.compare_gyro(head.name, before, state, innovation.measured):
+        if self.motion.compare_gyro(head.name, before, state, innovation.measured):
             self._history[-1] = self._history[-1]._replace(state=state.with_unknown_motion(
                 _START_RAD_S, self.motion.drift_sigma_rad_s))
         return self._result()
@@ -284,26 +277,23 @@ class AttitudeFusion:
         later = self._history[index:]
         self._history[index:] = [entry]
         for after in later:
-            state = self.motion.propagated(
-                self._history[-1].state, after.frame.stamp_ns, after.factor)
+            before = self._history[-1].state
+            state = self.motion.propagated(before, after.frame.stamp_ns)
             self._history.append(after._replace(state=state.updated(
-                self._innovation(state, after.head, after.frame))))
+                self._measurement(state, after.head, after.frame), before.stamp_ns)))
         oldest_ns = self._history[-1].state.stamp_ns - round(self._options.horizon_s * 1e9)
         while len(self._history) > 1 and self._history[1].state.stamp_ns <= oldest_ns:
             del self._history[0]
         self.mounts.follow(self._history[-1].state)
         self._untested, self.trouble = 0, ''
-        self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
-        if not self._manoeuvre_frames:
-            self._factor = 1.0
 
     def _result(self) -> FusedAttitude:
         state = self._history[-1].state
-        P = state.covariance
+        P = with_tails(state.motion, state.covariance[:6, :6].copy())
         self._previous = sign_continuous(state.quaternion, self._previous)
         return FusedAttitude(
             state.stamp_ns, self._previous, P[:3, :3] + self._lasting_rad2 * np.eye(3), state.rate,
-            P[3:6, 3:6], state.drift, P[6:BODY, 6:BODY])
+            P[3:, 3:], state.drift, state.covariance[6:BODY, 6:BODY])
 
     @property
     def _lasting_rad2(self) -> float:
@@ -327,18 +317,19 @@ class AttitudeFusion:
         for other in self._candidates(head, frame):
             # Heads that have agreed before see a manoeuvre, others may be wrong by its size.
             known = self._history and {head.state, other.state} == {HeadState.USED}
-            factor = LONE_HEAD_FACTORS[-1 if known else 0]
-            entries = self._begun(other, factor)
+            factor = START_FACTORS[-1 if known else 0]
+            entries = self._begun(other)
             if other is not head:
-                state = self.motion.at_constant_rate(entries[-1].state, frame.stamp_ns, factor)
-                innovation = self._innovation(state, head, frame)
+                before = entries[-1].state
+                innovation = self._innovation(self.motion.at_constant_rate(
+                    before, frame.stamp_ns, factor), head, frame)
                 if innovation.nis > RETURN_GATE:
                     angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
                     # In one order, whichever frame came last: the text is one condition.
                     names = ' and '.join(sorted((other.name, head.name)))
                     trouble = f'{names} disagree by {angle_deg:.3g} deg'
                     continue
-                entries.append(_Entry(state.updated(innovation), head, frame, factor))
+                entries.append(self._next_entry(before, head, frame))
             return self._started(entries)
         if not self._history:
             self.trouble = trouble or (
@@ -363,7 +354,7 @@ class AttitudeFusion:
         step_s = (other.recent[-1].stamp_ns - other.recent[0].stamp_ns) * 1e-9
         return 0 <= age_s <= self._options.max_gap_s and 0 < step_s <= self._options.max_gap_s
 
-    def _begun(self, head: Head, factor: float) -> list[_Entry]:
+    def _begun(self, head: Head) -> list[_Entry]:
         """Return the states after two frames of a head, by a prior that knows nothing."""
         coefficients, covariance = self.mounts.coefficients, self.mounts.covariance
         first, second = head.recent
@@ -375,14 +366,21 @@ class AttitudeFusion:
         P[:BODY, :BODY] = np.diag(np.repeat([
             _START_RAD ** 2, _START_RAD_S ** 2, self.motion.drift_sigma_rad_s ** 2], 3))
         P[BODY:, BODY:] = covariance
-        state = FusedState(first.stamp_ns, quaternions[0], rotation_between(*quaternions) / dt_s,
-                           np.zeros(3), coefficients, P)
-        entries = []
-        for frame in (first, second):
-            state = self.motion.at_constant_rate(state, frame.stamp_ns, factor)
-            state = state.updated(self._innovation(state, head, frame))
-            entries.append(_Entry(state, head, frame, factor))
-        return entries
+        body = AttitudeState(first.stamp_ns, quaternions[0],
+                             rotation_between(*quaternions) / dt_s, np.zeros(3), P)
+        state = FusedState.begin(
+            body, np.diagonal(head.measurement(first, coefficients[own]).covariance).copy(), dt_s,
+            coefficients)
+        if self._history:
+            state = FusedState.of(resumed(state.motion, self._history[-1].state.motion))
+        entry = self._next_entry(state, head, first)
+        return [entry, self._next_entry(entry.state, head, second)]
+
+    def _next_entry(self, before: FusedState, head: Head, frame: HeadFrame) -> _Entry:
+        """Return a frame of a start and the state after it."""
+        state = self.motion.without_gyro(before, frame.stamp_ns)
+        return _Entry(state.updated(self._measurement(state, head, frame), before.stamp_ns),
+                      head, frame)
 
     def _started(self, entries: list[_Entry]) -> FusedAttitude:
         """Use the states of a start."""
@@ -392,9 +390,7 @@ class AttitudeFusion:
             self.motion.contradict_gyro('the heads agree with each other and not with imu')
         self._drop('')
         self._history = entries
-        self.motion.started()
         self.mounts.follow(entries[-1].state)
-        self._factor, self._manoeuvre_frames = entries[-1].factor, MANOEUVRE_FRAMES
         for entry in entries:
             if entry.head.state is not HeadState.USED:
                 entry.head.enter(HeadState.USED)
@@ -443,8 +439,8 @@ class AttitudeFusion:
 
 
 def _disagreement(innovation: Innovation) -> str:
-    angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
-    return f'{angle_deg:.3g} deg from what other heads and prediction have'
+    return HEAD_DIFFERS.diagnostic.format(
+        angle_deg=math.degrees(float(np.linalg.norm(innovation.vector))))
 
 
 def warm_up() -> None:
@@ -519,6 +515,8 @@ def own_coefficients(head: Head) -> slice:
 
 def reopened(state: FusedState, head: Head, step: MountStep) -> FusedState:
     """Return a state that does not know the mount that has made a step."""
-    first, P = head.columns.start, state.covariance.copy()
-    P[range(first, first + 3), range(first, first + 3)] += float(step.size_rad @ step.size_rad)
-    return state._replace(covariance=P)
+    # Before the coefficients the error state of a motion has the acceleration as well.
+    first, P = head.columns.start + 3, state.motion.covariance.copy()
+    own = np.arange(first, first + 3)
+    P[:, own, own] += float(step.size_rad @ step.size_rad)
+    return FusedState.of(state.motion._replace(covariance=P))

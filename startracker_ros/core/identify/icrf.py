@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import estimate_attitude
-from startracker_ros.core.attitude.systematic_errors import with_observer_error
 from startracker_ros.core.camera.lens import plane_points, rays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.association import focal_ratio
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.integrity.systematic_errors import with_observer_error
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 
 _ITERATIONS = 3

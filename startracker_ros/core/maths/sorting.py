@@ -11,21 +11,13 @@ SIGMA_PER_MAD = 1.4826
 
 
 @compiled
-def ascending_order(values: np.ndarray) -> np.ndarray:
+def sort_indices(order: np.ndarray, values: np.ndarray) -> None:
     """
-    Return the indices (N,) that sort values (N,) from the least to the greatest, stable.
+    Sort indices (M,) of values (N,) from the least to the greatest value, stable.
 
-    Insertion sort: N (N - 1) / 4 moves on average, far fewer when nearly sorted. Up to some
+    Insertion sort: M (M - 1) / 4 moves on average, far fewer when nearly sorted. Up to some
     dozens of values it is faster than np.argsort. NaN values have no defined position.
     """
-    order = np.arange(len(values))
-    sort_indices(order, values)
-    return order
-
-
-@compiled
-def sort_indices(order: np.ndarray, values: np.ndarray) -> None:
-    """Sort indices (M,) of values (N,) as ascending_order(): fast where they nearly are."""
     for i in range(1, len(order)):
         moved = order[i]
         j = i

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.astro.observer_motion import ObserverMotion
-from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.result import with_correlated_error
-from startracker_ros.core.attitude.validation import (
-    AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.identify.cache import camera_stars
+from startracker_ros.core.integrity.protection import ProtectionOptions
+from startracker_ros.core.integrity.validation import (
+    AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 

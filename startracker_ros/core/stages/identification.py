@@ -39,7 +39,7 @@ class CheckOptions(Options):
 
 class IdentificationStage:
     """
-    Identifies frames while the star tracker does not track, and checks it now and then.
+    Identifies frames while the star tracker does not follow the stars, and checks its tracks.
 
     A method that predicts the attitude with the rates of a gyro identifies every frame: only a
     fresh prediction identifies a field of two or three stars. own are options of the method alone.
@@ -87,7 +87,7 @@ class IdentificationStage:
 
     def is_idle(self, stamp_ns: int, tracking: bool, windowed: bool = False) -> bool:
         """
-        Return whether a frame needs no identification, as the star tracker tracks.
+        Return whether a frame needs no identification, as the star tracker follows the stars.
 
         A windowed frame, of stars that the tracker predicted, is no check of its tracks.
         """

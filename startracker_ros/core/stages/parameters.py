@@ -9,11 +9,11 @@ from typing import Any
 
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.attitude.protection import ProtectionOptions
-from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.integrity.protection import ProtectionOptions
+from startracker_ros.core.integrity.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.options import Options, unknown_option
 from startracker_ros.core.stages.extraction import SearchOptions
 from startracker_ros.core.stages.identification import CheckOptions

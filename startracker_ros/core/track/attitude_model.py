@@ -8,68 +8,50 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import AttitudeState, NIS_GATE
+from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.error_budget import ErrorBudget, NO_ERROR
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, rate_text
-from startracker_ros.core.attitude.result import pointing_covariance
+from startracker_ros.core.attitude.gyro import Gyro, rate_text
+from startracker_ros.core.attitude.result import pointing_covariance, WRONG_SIGMAS
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.integrity.checks import (
+    DISPLACED, DIVERGED, ERROR_SCALE, FILTER_COVARIANCE, GYRO_AT_RANGE, GYRO_BLIND, GYRO_DIFFERS,
+    GYRO_SILENT, INNOVATION, JUMP_IN_FRAME, LIKELY_INNOVATION, MOTION_ENDS, SHEARED_STARS)
+from startracker_ros.core.integrity.consistency import Residuals
+from startracker_ros.core.integrity.gyro_agreement import GyroAgreement
+from startracker_ros.core.integrity.lens_error import LensError
+from startracker_ros.core.integrity.stamp_jitter import StampJitter
 from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
-from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.small_algebra import is_positive_definite
-from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
-from startracker_ros.core.track.gyro_agreement import GyroAgreement
-from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.motion_filter import (
-    by_experience, course, interrupted, JUMP, KIND, lacking, least_variances, MISSED_LIGHT, Motion,
-    predicted, restarted, SIZE, started, state_of, SUDDEN, updated, with_measured)
+    course, interrupted, lacking, MISSED_LIGHT, Motion, of_vibration, predicted, restarted,
+    resumed, SMOOTH, started, state_of, SUDDEN, tail_sigmas, updated, WIDE, with_measured,
+    with_tails)
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import is_good, RAYLEIGH_MEDIAN, RotationFit
-from startracker_ros.core.track.stamp_jitter import StampJitter
 from startracker_ros.core.track.start import Start
 from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude
 
-WIDE = [np.array([mode]) for mode in np.flatnonzero(KIND == JUMP)]
-"""Modes tried one after the other where the stars are not as the mixture of all has them."""
-
-SMOOTH = np.flatnonzero(SIZE < 2.0)
-UNEXPECTED = 1e-3  # probability of the mode of the frame before, by the rates of a gyro since
-
-LIKELY = gate(0.05, 3)
-"""Chi-square of three axes that one frame in twenty exceeds, by which a jump is as large as the
-innovation: the least one within the gate would leave up to NIS_GATE."""
+LIKELY = LIKELY_INNOVATION.threshold
 
 STREAK_PX = 15.0
 """Length of a streak from which on a fit sees rather its ends; computed for a width of 1 px."""
 
-DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
-"""Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
-
-SHEARED = 3
-"""Stars of a rolling shutter that are not where a hypothesis has them, from which on they may have
-been exposed after a jump of the rate: another one is tried, and taken if it has as many more."""
-
-SCALE_FRAMES = 20
-LARGE, SMALL, LEAST = 1.15, 0.9, 0.5
-"""In which the errors of centroids are compared with their residuals, and ratios that differ from
-1; errors are taken for no less than half of what the centroids have."""
-
+SHEARED = SHEARED_STARS.limits['stars']
+LARGE, SMALL, LEAST = (ERROR_SCALE.limits[name] for name in ('large', 'small', 'least'))
 LINE_TIME_SIGMA, LEAST_LINE_TIME_SIGMA = 0.1, 0.0003  # of line_time_us: first frame, later
 
-STAMP_ERRS = 0.02  # probability that what looks like a jump is a stamp that errs
-DISPLACED_FRAMES = 4
-"""Frames after a jump in which the rate of before means that they, or those before, are displaced:
-no body jumps and goes on as before, but images of another time do."""
+ACROSS = 0.03  # of a jump: the same across it, as the direction is not certain
+UNSEEN = 0.02  # share of the light of a star that is elsewhere and does not show
 
-GYRO_SILENCE_S = 1.0
-"""Age of the newest gyro rate from which on the rate is that of the stars alone."""
+GYRO_SILENCE_S = GYRO_SILENT.limits['age_s']
 
 
 _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0),
@@ -88,7 +70,7 @@ class _Hypothesis(NamedTuple):
     uses_gyro: bool
     state: AttitudeState
     motion: Motion | None
-    gate: float = NIS_GATE
+    gate: float = INNOVATION.threshold
 
     @property
     def acceleration(self) -> np.ndarray:
@@ -107,7 +89,7 @@ class _Jump(NamedTuple):
         """Return whether the body turns as before the jump, covariance (6, 6)."""
         change = state.rate - self.rate
         return self.left > 0 and bool(
-            change @ np.linalg.solve(covariance[3:, 3:], change) < LIKELY)
+            change @ np.linalg.solve(covariance[3:, 3:], change) < DISPLACED.threshold)
 
     def later(self) -> '_Jump':
         """Return that of the next frame."""
@@ -157,10 +139,7 @@ class AttitudeModel(StarModel):
 
     def resume(self, before: StarModel) -> None:
         if isinstance(before, AttitudeModel):
-            known = before._motion
-            self._motion = interrupted(self._motion._replace(
-                weight=known.weight, share=known.share, noise=known.noise,
-                interval_s=known.interval_s, frames=known.frames, swing=known.swing))
+            self._motion = interrupted(resumed(self._motion, before._motion))
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -209,14 +188,12 @@ class AttitudeModel(StarModel):
         self._follow(correction._replace(probability=np.ones((count, 1)),
                                          distance=np.full(count, np.inf)), icrf, _NOTHING)
         beyond = float(np.linalg.norm(correction.innovation))
-        self._diverged = self._diverged + 1 if beyond > DIVERGED_SIGMAS else 0
-        if self._diverged >= DIVERGED_FRAMES:
-            self.failure = (f'the filter has diverged: {self._diverged} frames in a row with '
-                            f'innovations beyond {DIVERGED_SIGMAS:g} sigma, the last of '
-                            f'{beyond:.0f}')
+        self._diverged = self._diverged + 1 if beyond > DIVERGED.sigmas else 0
+        if self._diverged >= DIVERGED.frames:
+            self.failure = DIVERGED.diagnostic.format(
+                frames=self._diverged, sigmas=DIVERGED.sigmas, last=beyond)
         if sparse and hypothesis.uses_gyro and self._is_saturated(stamp_ns):
-            self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
-                            'is not known')
+            self.failure = GYRO_BLIND.diagnostic
         self._check_covariance()
         return FrameUpdate(False, None, at_frame_time(
             self._camera, frame, hypothesis.state.rate, hypothesis.acceleration),
@@ -270,8 +247,7 @@ class AttitudeModel(StarModel):
         variances = np.diagonal(covariance).tolist()
         if not (math.isfinite(covariance.sum()) and min(variances) > 0
                 and is_positive_definite(covariance)):
-            self.failure = ('the covariance of the filter is not positive definite, its diagonal '
-                            f'is {variances}')
+            self.failure = FILTER_COVARIANCE.diagnostic.format(variances=variances)
 
     def _is_saturated(self, stamp_ns: int) -> bool:
         """Return whether the gyro reached its range within GYRO_SILENCE_S before a time."""
@@ -285,7 +261,7 @@ class AttitudeModel(StarModel):
         motion = self._predicted(stamp_ns, with_gyro)
         # Of another motion than before the modes know less than the gyro, which integrates it. In
         # a sparse frame no assumption about the acceleration holds.
-        goes_on = motion.weight[np.argmax(self._motion.weight)] > UNEXPECTED
+        goes_on = motion.weight[np.argmax(self._motion.weight)] > MOTION_ENDS.probability
         if not with_gyro or (goes_on and not sparse):
             yield _Hypothesis(with_gyro, state_of(motion), motion)
         if with_gyro:
@@ -293,7 +269,7 @@ class AttitudeModel(StarModel):
             motion = self._predicted(stamp_ns, False)
         for mode in WIDE:
             yield _Hypothesis(False, state_of(motion, mode), motion,
-                              NIS_GATE if mode is WIDE[-1] else LIKELY)
+                              INNOVATION.threshold if mode is WIDE[-1] else LIKELY)
 
     def _predicted(self, stamp_ns: int, with_gyro: bool) -> Motion:
         """Return the motion at a time, by the rates of the gyro or without."""
@@ -302,7 +278,7 @@ class AttitudeModel(StarModel):
         if with_gyro:
             dt_s, rates, variance = self._gyro.rates(self._motion.stamp_ns, stamp_ns)
         return predicted(self._motion, stamp_ns, dt_s, rates, variance, self._acceleration_rad_s2,
-                         self._gyro.drift_density)
+                         np.full(3, self._gyro.drift_density))
 
     def _corrected(self, hypothesis: _Hypothesis, correction: Correction, frame: Centroids,
                    common: np.ndarray) -> Motion:
@@ -353,7 +329,7 @@ class AttitudeModel(StarModel):
             return
         sudden = float(self._motion.weight[SUDDEN].sum())
         interval_s = (self._state.stamp_ns - before.stamp_ns) * 1e-9
-        doubt = sudden * max(min(frame.exposure_s[1] / interval_s, 1.0), STAMP_ERRS)
+        doubt = sudden * max(min(frame.exposure_s[1] / interval_s, 1.0), JUMP_IN_FRAME.probability)
         own = np.ascontiguousarray(self._covariance[:3, :3])
         displaced = self._jump
         if displaced is not None and not displaced.is_displaced(self._state, self._covariance):
@@ -362,12 +338,16 @@ class AttitudeModel(StarModel):
         if jumps or doubt > 2 * MISSED_LIGHT:
             moved = rotation_between(
                 state_of(hypothesis.motion).quaternion, self._state.quaternion)
-            self._covariance[:3, :3] += lacking(own, moved, doubt)
+            self._covariance[:3, :3] += lacking(
+                own, moved, ACROSS * _across(moved, before.rate), doubt)
             if jumps:
-                self._jump = _Jump(before.rate, moved, DISPLACED_FRAMES)
+                self._jump = _Jump(before.rate, moved, DISPLACED.frames)
         if displaced is not None:
-            self._covariance[:3, :3] += lacking(own, displaced.moved, 1.0)
+            self._covariance[:3, :3] += lacking(own, displaced.moved, 0.0, 1.0)
             self._jump = displaced.later()
+        if self._jump is not None:
+            self._covariance[:3, :3] += _unseen(
+                self._jump, float(self._motion.share[SUDDEN].sum()))
         if frame.delay_s.any():
             spread_s = math.sqrt(np.mean(frame.delay_s ** 2))
             change = self._state.rate - before.rate
@@ -431,11 +411,8 @@ class AttitudeModel(StarModel):
                 self._gyro.drift_sigma_rad_s))
         self._motion, self.uses_gyro = motion, uses_gyro
         self._state = state_of(motion)
-        least = least_variances(motion.weight, motion.mean, motion.covariance)
-        least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
-                                    motion.covariance)[3:]
-        self._covariance = self._state.covariance[:6, :6].copy()
-        np.fill_diagonal(self._covariance, np.maximum(np.diag(self._covariance), least))
+        self._covariance = with_tails(
+            motion, self._state.covariance[:6, :6] + of_vibration(motion))
 
     def budget(self, own: np.ndarray, velocity_sigma_m_s: float) -> ErrorBudget:
         """Return the same, with what the filter has for motions and shaking beside the stars."""
@@ -470,6 +447,9 @@ class AttitudeModel(StarModel):
     @property
     def predicted(self) -> TrackedAttitude:
         state = state_of(self._motion, SMOOTH)
+        if self._motion.weight[SMOOTH].sum() < MOTION_ENDS.probability:
+            # After a jump no smooth motion predicts the next frame.
+            state = state._replace(quaternion=np.full(4, np.nan))
         return TrackedAttitude(
             AttitudeEstimate(state.quaternion, state.covariance[:3, :3], 0, np.empty(0), 0.0),
             state.rate, state.covariance[3:6, 3:6])
@@ -505,7 +485,7 @@ class AttitudeModel(StarModel):
         state, gyro, measured = self._state, self._gyro, self._measured
         if self._is_saturated(state.stamp_ns):
             self._agreement.interrupt()
-            self.gyro_trouble = AT_ITS_RANGE
+            self.gyro_trouble = GYRO_AT_RANGE.diagnostic
             return
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
             self._agreement.interrupt()
@@ -524,11 +504,9 @@ class AttitudeModel(StarModel):
             if not self.uses_gyro and self._agreement.is_enough(self._options.confirm_frames):
                 self.uses_gyro, self.gyro_trouble = True, ''
             return
-        reported = rate_text(gyro.mean_rate(before_ns, state.stamp_ns)[0])
-        self.gyro_trouble = (
-            f'imu reports {reported} deg/s about x, y, z, the stars '
-            f'{rate_text(self.rate_rad_s)}: is it in rad/s, on the axes of the sensor, and '
-            'gyro_drift_deg_h right?')
+        self.gyro_trouble = GYRO_DIFFERS.diagnostic.format(
+            reported=rate_text(gyro.mean_rate(before_ns, state.stamp_ns)[0]),
+            stars=rate_text(self.rate_rad_s))
 
 
 class _ErrorScale:
@@ -554,14 +532,14 @@ class _ErrorScale:
         is_floor is whether some sigma is the least one that is assumed, which stays as it is.
         """
         size = self.value / RAYLEIGH_MEDIAN
-        self._frames = min(self._frames + 1, SCALE_FRAMES)
+        self._frames = min(self._frames + 1, ERROR_SCALE.frames)
         self._ratio += (size * typical - self._ratio) / self._frames
         self._precise += ((1.0 if is_floor else size * precise) - self._precise) / self._frames
         largest = max(self._ratio, self._precise)
         self.value = 1.0
         if self._ratio > LARGE:
             self.value = self._ratio
-        elif largest < SMALL and self._frames == SCALE_FRAMES:
+        elif largest < SMALL and self._frames == ERROR_SCALE.frames:
             self.value = max(largest, LEAST)
 
 
@@ -572,6 +550,24 @@ def _with_turns(motion: Motion, error: np.ndarray) -> Motion:
     covariance = motion.covariance.copy()
     covariance[:, :3, :3] += error
     return motion._replace(covariance=covariance)
+
+
+def _unseen(jump: _Jump, share: float) -> np.ndarray:
+    """
+    Return the covariance (3, 3) of a jump at the very beginning or end of an exposure.
+
+    Of a body that jumps in a share of the frames.
+    """
+    tail = tail_sigmas(share * UNSEEN, MISSED_LIGHT)
+    size = UNSEEN * _across(jump.moved, jump.rate)
+    sigma = size / (WRONG_SIGMAS - tail) if tail else 0.0
+    return sigma ** 2 * np.eye(3)
+
+
+def _across(moved: np.ndarray, rate: np.ndarray) -> float:
+    """Return the size of a turn (3,) across a rate (3,): along it an error of time turns."""
+    along = rate / max(float(np.linalg.norm(rate)), 1e-12)
+    return float(np.linalg.norm(np.cross(moved, along)))
 
 
 def _acceleration_of(motion: Motion) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.consistency import Residuals
 from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
 from startracker_ros.core.track.bank import associated_columns, Association
-from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import on_image
 from startracker_ros.core.track.motion_models import image_flows
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.attitude.error_budget import ErrorBudget, NO_ERROR
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.attitude.systematic_errors import systematic_covariance
 from startracker_ros.core.camera.lens import Lens
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.consistency import Residuals
+from startracker_ros.core.integrity.systematic_errors import systematic_covariance
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.association import DetectionModel, gate_size
 from startracker_ros.core.track.bank import TrackBank
-from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.motion_models import moved_by
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rotation_fit import RotationFit

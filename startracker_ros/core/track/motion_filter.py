@@ -16,7 +16,8 @@ p_ij of a change from i to j:
 L_j the likelihood of the frame. p_ij is STAYS if the mode does not change, else by the share that
 mode j had in the frames before: of a body that turns steadily none is left for jumps.
 
-The error state of a mode is [turn, rate, acceleration, drift] about sensor axes, (12,). Modes:
+The error state of a mode is [turn, rate, acceleration, drift] about sensor axes and K constants
+more that walk at random, as mounts of several heads on a body do: N = 12 + K. Modes:
 
     steady       constant rate, white acceleration
     torque       constant acceleration, white jerk
@@ -42,7 +43,8 @@ from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, rotation_between, turned)
-from startracker_ros.core.maths.small_algebra import inverse
+from startracker_ros.core.maths.small_algebra import (
+    determinant, inner, inverse, inverse_and_determinant, product, times)
 
 STEADY, TORQUE, SWING, JUMP = 0, 1, 2, 3
 KIND = np.array([STEADY, TORQUE, TORQUE, TORQUE, TORQUE, SWING, SWING, JUMP, JUMP])
@@ -51,6 +53,9 @@ SIZE = np.array([1.0, 0.02, 0.2, 2.0, 20.0, 0.1, 1.0, 100.0, 1000.0])
 acceleration in units of that of the options."""
 
 SUDDEN = SIZE >= 20.0  # modes of motions that begin within a frame
+SMOOTH = np.flatnonzero(SIZE < 2.0)
+WIDE = [np.array([mode]) for mode in np.flatnonzero(KIND == JUMP)]
+"""Modes tried one after the other where a frame is not as the mixture of all has it."""
 
 STAYS = 0.95  # probability that a mode lasts to the next frame
 NEGLIGIBLE = 1e-2  # share of a mode that is not mixed into it
@@ -68,23 +73,31 @@ SWING_MEMORY = 0.93  # of the sums of the fit of w
 FASTEST = -1.0  # 2 cos(w dt): three frames in a period
 SIGNIFICANT_ENERGY = 200.0  # of a swing, over the variance of the noise; that of noise: 55
 FIRST_ACCELERATION = np.radians(1.0)  # rad/s^2, 1 sigma, before the first frame
-MISSED = 4e-5
-"""Probability that the attitude is beyond WRONG_SIGMAS by an improbable mode."""
+SEEN_UNEVENLY = 0.07
+"""Of the amplitude of a vibration: what the fit of a star that it moves within the exposure is off
+by, 1 sigma."""
+MISSED, MISSED_AHEAD = 2e-5, 4e-5
+"""
+Probability that attitude and rate are beyond WRONG_SIGMAS by an improbable mode, now and at other
+times: motions that may begin, which are hardly ever seen, would widen all that is predicted.
+"""
 
 MISSED_LIGHT = 1e-3
 """The same by a jump within an exposure: most frames have no jump."""
+
+NO_CONSTANTS = np.empty(0)
 
 
 class Motion(NamedTuple):
     """
     What is known of the motion at a time.
 
-    quaternion (4,) is the mean attitude, q_icrf_from_sensor. Of the M modes: mean (M, 12) of the
-    error state [turn from the quaternion, rate, acceleration, drift of the gyro] and covariance
-    (M, 12, 12), weight (M,) the probabilities, share (M,) their means in the frames before, of a
-    number of frames. noise (3,) rad^2 is the variance of the attitude that the stars of a frame
-    measure, interval_s that of the frames, zero while unknown; swing (20,) is what is known of a
-    swing.
+    quaternion (4,) is the mean attitude, q_icrf_from_sensor. Of the M modes: mean (M, N) of the
+    error state [turn from the quaternion, rate, acceleration, drift of the gyro, constants] and
+    covariance (M, N, N), weight (M,) the probabilities, share (M,) their means in the frames
+    before, of a number of frames. noise (3,) rad^2 is the variance of the attitude that the stars
+    of a frame measure, interval_s that of the frames, zero while unknown; swing (20,) is what is
+    known of a swing.
     """
 
     stamp_ns: int
@@ -106,13 +119,18 @@ LAST, TURN, CHANGE, OLDER = slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13
 PRODUCT, ENERGY, W2, WEIGHT, CENTRE = 13, 14, 15, 16, slice(17, 20)
 
 
-def started(state: AttitudeState, noise: np.ndarray, interval_s: float) -> Motion:
-    """Return the motion of a state, each mode with its attitude and rate; noise is (3,)."""
-    count = len(KIND)
+def started(state: AttitudeState, noise: np.ndarray, interval_s: float,
+            constants: np.ndarray = NO_CONSTANTS) -> Motion:
+    """
+    Return the motion of a state, each mode with its attitude and rate; noise is (3,).
+
+    Of constants (K,) the covariance of the state is (9 + K, 9 + K).
+    """
+    count, size = len(KIND), 12 + len(constants)
     share = FIRST_SHARE / FIRST_SHARE.sum()
-    mean, P = np.zeros((count, 12)), np.zeros((count, 12, 12))
-    mean[:, 3:6], mean[:, 9:] = state.rate, state.drift
-    seen = np.r_[0:6, 9:12]
+    mean, P = np.zeros((count, size)), np.zeros((count, size, size))
+    mean[:, 3:6], mean[:, 9:12], mean[:, 12:] = state.rate, state.drift, constants
+    seen = np.r_[0:6, 9:size]
     for mode in range(count):
         P[mode][np.ix_(seen, seen)] = state.covariance
         if KIND[mode] in (TORQUE, SWING):
@@ -126,13 +144,21 @@ def started(state: AttitudeState, noise: np.ndarray, interval_s: float) -> Motio
 def restarted(motion: Motion, state: AttitudeState) -> Motion:
     """Return a motion that goes on from a state, which is known without its modes."""
     mean, P = motion.mean.copy(), motion.covariance.copy()
-    mean[:, :3], mean[:, 3:6], mean[:, 9:] = 0.0, state.rate, state.drift
-    seen = np.r_[0:6, 9:12]
+    mean[:, :3], mean[:, 3:6], mean[:, 9:12] = 0.0, state.rate, state.drift
+    mean[:, 12:] = motion.weight @ motion.mean[:, 12:]
+    seen = np.r_[0:6, 9:mean.shape[1]]
     P[:, 6:9, seen] = 0.0
     P[:, seen, 6:9] = 0.0
     P[np.ix_(range(len(P)), seen, seen)] = state.covariance
     return motion._replace(stamp_ns=state.stamp_ns, quaternion=state.quaternion, mean=mean,
                            covariance=P, weight=motion.share)
+
+
+def resumed(motion: Motion, known: Motion) -> Motion:
+    """Return a motion that began anew, with what was known of how the body moves."""
+    return motion._replace(
+        weight=known.weight, share=known.share, noise=known.noise, interval_s=known.interval_s,
+        frames=known.frames, swing=known.swing)
 
 
 def interrupted(motion: Motion) -> Motion:
@@ -143,12 +169,26 @@ def interrupted(motion: Motion) -> Motion:
 
 
 def state_of(motion: Motion, modes: np.ndarray | None = None) -> AttitudeState:
-    """Return attitude, rate and drift of the mixture, or of some modes (K,) of it."""
-    weight = motion.weight
-    if modes is not None:
-        weight = np.zeros(len(KIND))
-        weight[modes] = motion.weight[modes]
-    return AttitudeState(motion.stamp_ns, *_moments(motion, weight))
+    """Return attitude, rate and drift of the mixture, or of some modes of it."""
+    return state_and_constants(motion, motion.weight if modes is None else weight_of(
+        motion, modes))[0]
+
+
+def weight_of(motion: Motion, modes: np.ndarray) -> np.ndarray:
+    """Return the weights (M,) of some modes, zero for the others."""
+    weight = np.zeros(len(KIND))
+    weight[modes] = motion.weight[modes]
+    return weight
+
+
+def state_and_constants(motion: Motion, weight: np.ndarray) -> tuple[AttitudeState, np.ndarray]:
+    """
+    Return the mixture by weights (M,), not normalised, and its constants (K,).
+
+    The covariance of the state (9 + K, 9 + K) has these as well.
+    """
+    *state, constants = _moments(motion, weight)
+    return AttitudeState(motion.stamp_ns, *state), constants
 
 
 @compiled
@@ -158,27 +198,31 @@ def mixture(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
     total, n = weight.sum(), mean.shape[1]
     middle, P = np.zeros(n), np.zeros((n, n))
     for k in range(len(weight)):
-        middle += weight[k] / total * mean[k]
+        if weight[k] > 0:
+            for i in range(n):
+                middle[i] += weight[k] / total * mean[k, i]
     for k in range(len(weight)):
         if weight[k] == 0:
             continue
         share = weight[k] / total
         for i in range(n):
+            away = mean[k, i] - middle[i]
             for j in range(n):
-                P[i, j] += share * (covariance[k, i, j] + (mean[k, i] - middle[i]) * (
-                    mean[k, j] - middle[j]))
+                P[i, j] += share * (covariance[k, i, j] + away * (mean[k, j] - middle[j]))
     return middle, P
 
 
 @compiled
 def _moments(motion: Motion, weight: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return quaternion, rate, drift and their covariance (9, 9), of modes of weight (M,)."""
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return quaternion, rate, drift, covariance (N - 3, N - 3), constants, by weights (M,)."""
     mean, P = mixture(weight, motion.mean, motion.covariance)
-    seen = np.empty((9, 9))
+    n = len(P) - 3
+    seen = np.empty((n, n))
     seen[:6, :6], seen[6:, 6:] = P[:6, :6], P[9:, 9:]
     seen[:6, 6:], seen[6:, :6] = P[:6, 9:], P[9:, :6]
-    return turned(motion.quaternion, mean[:3]), mean[3:6].copy(), mean[9:].copy(), seen
+    return (turned(motion.quaternion, mean[:3]), mean[3:6].copy(), mean[9:12].copy(), seen,
+            mean[12:].copy())
 
 
 @compiled
@@ -188,7 +232,7 @@ def mixed(motion: Motion, before: np.ndarray, acceleration: np.ndarray, least: n
     Return weight (M,), mean (M, N) and covariance (M, N, N) of the modes before a prediction.
 
     before (M,) are their weights, least (M,) their least shares. No mode but the first has more
-    than the largest acceleration of the jumps.
+    than the largest acceleration of the jumps. A mode of no weight has no numbers.
     """
     count, n = motion.mean.shape
     share = motion.share + least
@@ -207,7 +251,8 @@ def mixed(motion: Motion, before: np.ndarray, acceleration: np.ndarray, least: n
         to_j[j] += before[j] * STAYS
         weight[j] = to_j.sum()
         if weight[j] == 0:
-            to_j = before
+            mean[j], P[j] = motion.mean[j], motion.covariance[j]
+            continue
         # What hardly any of a mode comes from would widen it all the same, in each frame.
         to_j = np.where(to_j < NEGLIGIBLE * to_j.sum(), 0.0, to_j)
         mean[j], P[j] = mixture(to_j, motion.mean, motion.covariance)
@@ -215,47 +260,73 @@ def mixed(motion: Motion, before: np.ndarray, acceleration: np.ndarray, least: n
 
 
 @compiled
-def transition_and_noise(kind: int, size: float, tau_s: float, w2: float, turn: np.ndarray,
-                         noise: np.ndarray, dt_s: float, acceleration: np.ndarray,
-                         drift_density: float) -> tuple[np.ndarray, np.ndarray]:
+def transition_and_noise(kind: int, size: float, tau_s: float, w2: float, noise: np.ndarray,
+                         dt_s: float, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return Phi and Q (12, 12) of a mode in a time tau_s, during which the body turns by turn (3,).
+    Return F (3, 3) and Q (3, 3, 3) of [turn, rate, acceleration], Q of each axis, in tau_s.
 
-    White acceleration of density q: Q of turn and rate [t^3 / 3, t^2 / 2; ., t] q. White jerk:
+    F has the turn without that of the axes. White acceleration of density q: Q of turn and rate
+    [t^3 / 3, t^2 / 2; ., t] q. White jerk:
     [t^5 / 20, t^4 / 8, t^3 / 6; ., t^3 / 3, t^2 / 2; ., ., t] q.
     """
-    Phi, Q = np.eye(12), np.zeros((12, 12))
-    Phi[:3, :3] = matrix_from_rotation_vector(turn).T
-    t = abs(tau_s)
-    by_acceleration, of_rate, of_acceleration = tau_s * tau_s / 2, tau_s, 1.0
-    rate_kept, rate_turns, back = 1.0, tau_s, 0.0
+    F, Q, t = np.eye(3), np.zeros((3, 3, 3)), abs(tau_s)
+    F[0, 1] = tau_s
+    if kind in (STEADY, JUMP):
+        F[2, 2] = 0.0
+        for axis in range(3):
+            a2 = (size * acceleration[axis]) ** 2
+            q = a2 * dt_s
+            Q[axis, 0, 0] = q * t ** 3 / 3
+            Q[axis, 0, 1] = Q[axis, 1, 0] = q * tau_s * t / 2
+            Q[axis, 1, 1] = q * t
+            if kind == JUMP:
+                # It may go on at any of these accelerations.
+                Q[axis, 2, 2] = a2
+        return F, Q
+    F[0, 2], F[1, 2] = tau_s * tau_s / 2, tau_s
     if kind == SWING and w2 > 0:
         w = math.sqrt(w2)
         sine, cosine = math.sin(w * tau_s), math.cos(w * tau_s)
-        rate_turns, by_acceleration = sine / w, (1 - cosine) / w2
-        rate_kept, of_rate, of_acceleration, back = cosine, sine / w, cosine, -w * sine
+        F[0, 1], F[0, 2] = sine / w, (1 - cosine) / w2
+        F[1, 1], F[1, 2], F[2, 1], F[2, 2] = cosine, sine / w, -w * sine, cosine
     for axis in range(3):
-        rate, more, sigma2 = 3 + axis, 6 + axis, size * size * noise[axis]
-        Phi[axis, rate] = rate_turns
-        if kind in (STEADY, JUMP):
-            q = (size * acceleration[axis]) ** 2 * dt_s
-            if kind == JUMP:
-                # It may go on at any of these accelerations.
-                Q[more, more] = (size * acceleration[axis]) ** 2
-            Q[axis, axis] = q * t ** 3 / 3
-            Q[axis, rate] = Q[rate, axis] = q * tau_s * t / 2
-            Q[rate, rate] = q * t
-            Phi[more, more] = 0.0
-        else:
-            q = sigma2 * 20 / dt_s ** 5
-            Phi[axis, more], Phi[rate, rate], Phi[rate, more] = by_acceleration, rate_kept, of_rate
-            Phi[more, rate], Phi[more, more] = back, of_acceleration
-            Q[axis, axis], Q[rate, rate], Q[more, more] = q * t ** 5 / 20, q * t ** 3 / 3, q * t
-            Q[axis, rate] = Q[rate, axis] = q * t ** 3 * tau_s / 8
-            Q[axis, more] = Q[more, axis] = q * t ** 3 / 6
-            Q[rate, more] = Q[more, rate] = q * t * tau_s / 2
-        Q[9 + axis, 9 + axis] = drift_density * t
-    return Phi, Q
+        q = size * size * noise[axis] * 20 / dt_s ** 5
+        Q[axis, 0, 0], Q[axis, 1, 1], Q[axis, 2, 2] = q * t ** 5 / 20, q * t ** 3 / 3, q * t
+        Q[axis, 0, 1] = Q[axis, 1, 0] = q * t ** 3 * tau_s / 8
+        Q[axis, 0, 2] = Q[axis, 2, 0] = q * t ** 3 / 6
+        Q[axis, 1, 2] = Q[axis, 2, 1] = q * t * tau_s / 2
+    return F, Q
+
+
+@compiled
+def _carry(P: np.ndarray, A: np.ndarray, F: np.ndarray) -> None:
+    """Replace P (N, N) by Phi P Phi^T, with F as above and the turn A (3, 3) of the axes."""
+    n = len(P)
+    for k in range(n):
+        x, y, z = P[0, k], P[1, k], P[2, k]
+        for i in range(3):
+            rate, more = P[3 + i, k], P[6 + i, k]
+            P[i, k] = (A[i, 0] * x + A[i, 1] * y + A[i, 2] * z
+                       + F[0, 1] * rate + F[0, 2] * more)
+            P[3 + i, k] = F[1, 1] * rate + F[1, 2] * more
+            P[6 + i, k] = F[2, 1] * rate + F[2, 2] * more
+    for k in range(n):
+        x, y, z = P[k, 0], P[k, 1], P[k, 2]
+        for i in range(3):
+            rate, more = P[k, 3 + i], P[k, 6 + i]
+            P[k, i] = (A[i, 0] * x + A[i, 1] * y + A[i, 2] * z
+                       + F[0, 1] * rate + F[0, 2] * more)
+            P[k, 3 + i] = F[1, 1] * rate + F[1, 2] * more
+            P[k, 6 + i] = F[2, 1] * rate + F[2, 2] * more
+
+
+@compiled
+def _add_noise(P: np.ndarray, Q: np.ndarray) -> None:
+    """Add the Q of each axis to P (N, N)."""
+    for axis in range(3):
+        for i in range(3):
+            for k in range(3):
+                P[3 * i + axis, 3 * k + axis] += Q[axis, i, k]
 
 
 @compiled
@@ -271,28 +342,26 @@ def turn_of(mean: np.ndarray, kind: int, tau_s: float, swing: np.ndarray) -> np.
 
 
 @compiled
-def _carried(mean: np.ndarray, Phi: np.ndarray, kind: int, swing: np.ndarray) -> np.ndarray:
-    """Return the error state (12,) of a mode after its transition; the turn is left out."""
-    after = mean.copy()
-    after[:3] = 0.0
+def _carry_mean(x: np.ndarray, F: np.ndarray, kind: int, swing: np.ndarray) -> None:
+    """Replace the error state (N,) of a mode by that after its transition, without the turn."""
     swings = kind == SWING and swing[W2] > 0
-    if swings:
-        after[3:6] -= swing[CENTRE]
-    after = Phi @ after
-    after[:3] = 0.0
-    if swings:
-        after[3:6] += swing[CENTRE]
-    return after
+    for i in range(3):
+        middle = swing[CENTRE][i] if swings else 0.0
+        rate, more = x[3 + i] - middle, x[6 + i]
+        x[i] = 0.0
+        x[3 + i] = F[1, 1] * rate + F[1, 2] * more + middle
+        x[6 + i] = F[2, 1] * rate + F[2, 2] * more
 
 
 @compiled
 def predicted(motion: Motion, to_ns: int, dt_s: np.ndarray, measured: np.ndarray,
-              variance: np.ndarray, acceleration: np.ndarray, drift_density: float) -> Motion:
+              variance: np.ndarray, acceleration: np.ndarray, walk: np.ndarray) -> Motion:
     """
     Return the motion at a later time, each mode updated by rates of a gyro.
 
     Rates measured (K, 3) rad/s of variance (K,) about each axis, dt_s (K + 1,) after one another
-    and up to the end. acceleration (3,) rad/s^2 is that of the options.
+    and up to the end. acceleration (3,) rad/s^2 is that of the options; walk (N - 9,) are the
+    spectral densities of drift and constants.
     """
     weight, mean, covariance = mixed(
         motion, motion.weight, acceleration, LEAST_NEXT)
@@ -300,19 +369,27 @@ def predicted(motion: Motion, to_ns: int, dt_s: np.ndarray, measured: np.ndarray
     logs = np.zeros(count)
     attitude = np.empty((count, 4))
     for j in range(count):
+        attitude[j] = motion.quaternion
+        if weight[j] == 0:
+            logs[j] = -np.inf
+            continue
         x, P = mean[j], covariance[j]
         q = turned(motion.quaternion, x[:3])
         for k in range(len(dt_s)):
             turn = turn_of(x, KIND[j], dt_s[k], swing)
-            Phi, Q = transition_and_noise(KIND[j], SIZE[j], dt_s[k], swing[W2], turn, motion.noise,
-                                          motion.interval_s, acceleration, drift_density)
-            q, x = turned(q, turn), _carried(x, Phi, KIND[j], swing)
-            P = Phi @ P @ Phi.T + Q
+            F, Q = transition_and_noise(KIND[j], SIZE[j], dt_s[k], swing[W2], motion.noise,
+                                        motion.interval_s, acceleration)
+            _carry_mean(x, F, KIND[j], swing)
+            _carry(P, matrix_from_rotation_vector(turn).T, F)
+            _add_noise(P, Q)
+            for i in range(len(walk)):
+                P[9 + i, 9 + i] += walk[i] * dt_s[k]
+            q = turned(q, turn)
             if k < len(measured):
-                x, P, logs[j] = _with_rate(x, P, measured[k], variance[k], logs[j])
+                logs[j] += _correct_by_rate(x, P, measured[k], variance[k])
                 q = turned(q, x[:3])
                 x[:3] = 0.0
-        mean[j], covariance[j], attitude[j] = x, P, q
+        attitude[j] = q
     weight = _by_logs(weight, logs)
     # About the attitude of the most probable mode.
     reference = attitude[np.argmax(weight)]
@@ -323,16 +400,32 @@ def predicted(motion: Motion, to_ns: int, dt_s: np.ndarray, measured: np.ndarray
 
 
 @compiled
-def _with_rate(x: np.ndarray, P: np.ndarray, measured: np.ndarray, variance: float, log: float
-               ) -> tuple[np.ndarray, np.ndarray, float]:
-    """K = P H^T S^-1 with H = [0 I 0 I], S = H P H^T + R; x <- x + K z, P <- P - K H P."""
-    cross = P[:, 3:6] + P[:, 9:]
-    S = cross[3:6] + cross[9:] + variance * np.eye(3)
-    innovation = measured - x[3:6] - x[9:]
-    gain = np.ascontiguousarray(np.linalg.solve(S, np.ascontiguousarray(cross.T)).T)
-    after = P - gain @ np.ascontiguousarray(cross.T)
-    log -= (innovation @ np.linalg.solve(S, innovation) + math.log(np.linalg.det(S))) / 2
-    return x + gain @ innovation, (after + after.T) / 2, log
+def _correct_by_rate(x: np.ndarray, P: np.ndarray, measured: np.ndarray, variance: float
+                     ) -> float:
+    """
+    Replace x and P by those after a measured rate; return the logarithm of its likelihood.
+
+    K = P H^T S^-1 with H = [0 I 0 I], S = H P H^T + R; x <- x + K z, P <- P - K H P.
+    """
+    n = len(P)
+    cross, S, z = np.empty((n, 3)), np.empty((3, 3)), np.empty(3)
+    for i in range(n):
+        for k in range(3):
+            cross[i, k] = P[i, 3 + k] + P[i, 9 + k]
+    for i in range(3):
+        for k in range(3):
+            S[i, k] = cross[3 + i, k] + cross[9 + i, k]
+        S[i, i] += variance
+        z[i] = measured[i] - x[3 + i] - x[9 + i]
+    information = inverse(S)
+    gain, log = product(cross, information), math.log(determinant(S))
+    for i in range(n):
+        for k in range(i + 1):
+            P[i, k] -= gain[i, 0] * cross[k, 0] + gain[i, 1] * cross[k, 1] + (
+                gain[i, 2] * cross[k, 2])
+            P[k, i] = P[i, k]
+    x += times(gain, z)
+    return -(log + inner(z, times(information, z))) / 2
 
 
 @compiled
@@ -365,40 +458,50 @@ def _about_mean(motion: Motion) -> Motion:
 
 @compiled
 def updated(motion: Motion, quaternion: np.ndarray, rate: np.ndarray, information: np.ndarray,
-            vector: np.ndarray, by_acceleration: np.ndarray, moved: np.ndarray) -> Motion:
+            vector: np.ndarray, beside: np.ndarray, moved: np.ndarray) -> Motion:
     """
     Return the motion updated by what the stars of a frame measure.
 
     information (3, 3) is that of their turn from a quaternion (4,), vector (3,) information times
     the turn; with (6, 6) and (6,) they measure the difference from a rate (3,) as well. An
-    acceleration a changes what they measure by L a, L = by_acceleration (6, 3), else (3, 3): rows
-    of a rolling shutter, which were brought to one time by the motion that was assumed, moved (6,)
-    by its acceleration, and long streaks. With H = [I 0 L_1 0; 0 I L_2 0], Y
-    the information, y the vector about the prediction of a mode, S = H P H^T:
+    acceleration a changes what they measure by L a: rows of a rolling shutter, which were brought
+    to one time by the motion that was assumed, moved by its acceleration, and long streaks. So do
+    constants: beside (n, K) is L = [L_1; L_2] of the elements from the acceleration on, moved (n,)
+    is L times what was assumed of them. With H = [I 0 L_1; 0 I L_2], Y the information, y the
+    vector about the prediction of a mode, S = H P H^T:
     P <- P - P H^T (I + Y S)^-1 Y H P, x <- x + P H^T (I + Y S)^-1 y, and
     -2 log L = log det(I + Y S) + d^T Y d - y^T S (I + Y S)^-1 y, d the measurement from there.
     """
-    count, n = len(motion.weight), len(vector)
+    count, n, size = len(motion.weight), len(vector), motion.mean.shape[1]
     mean, covariance, logs = motion.mean.copy(), motion.covariance.copy(), np.empty(count)
-    base, H = np.zeros(n), np.zeros((n, 12))
+    base, H_T = np.zeros(n), np.zeros((size, n))
     base[:3] = rotation_between(motion.quaternion, quaternion)
     if n > 3:
         base[3:] = rate
     base += moved
-    H[:, :n], H[:, 6:9] = np.eye(n), by_acceleration
+    H_T[:n], H_T[6:6 + beside.shape[1]] = np.eye(n), beside.T
+    H = np.ascontiguousarray(H_T.T)
     for j in range(count):
+        if motion.weight[j] == 0:
+            logs[j] = -np.inf
+            continue
         P = covariance[j]
-        columns = P @ H.T
-        S, away = H @ columns, base - H @ mean[j]
-        I_YS = np.eye(n) + information @ S
-        y = vector + information @ away
-        solved = np.linalg.inv(I_YS)
-        gained = solved @ y
-        after = P - columns @ (solved @ information) @ np.ascontiguousarray(columns.T)
-        mean[j] += columns @ gained
-        covariance[j] = (after + after.T) / 2
-        logs[j] = -(math.log(np.linalg.det(I_YS)) + 2 * (away @ vector)
-                    + away @ information @ away - y @ S @ gained) / 2
+        columns = product(P, H_T)
+        S, away = product(H, columns), base - times(H, mean[j])
+        seen = times(information, away)
+        y = vector + seen
+        solved, det = inverse_and_determinant(np.eye(n) + product(information, S))
+        gained, rows = times(solved, y), product(columns, product(solved, information))
+        for i in range(size):
+            for k in range(i + 1):
+                total = 0.0
+                for m in range(n):
+                    total += rows[i, m] * columns[k, m]
+                P[i, k] -= total
+                P[k, i] = P[i, k]
+        mean[j] += times(columns, gained)
+        logs[j] = -(math.log(det) + 2 * inner(away, vector) + inner(away, seen)
+                    - inner(y, times(S, gained))) / 2
     weight = _by_logs(motion.weight, logs)
     frames = min(motion.frames + 1, MOST_FRAMES)
     share = motion.share + (by_experience(weight, motion.share) - motion.share) / frames
@@ -467,14 +570,15 @@ def tail_sigmas(probability: float, missed: float) -> float:
 
 
 @compiled
-def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variances (6,) of turn and rate with which no mode makes them wrong."""
+def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray, missed: float
+                    ) -> np.ndarray:
+    """Return the variances (6,) with which a mode makes turn and rate wrong so improbably."""
     least = np.zeros(6)
     middle = np.zeros(6)
     for j in range(len(weight)):
         middle += weight[j] * mean[j, :6]
     for j in range(len(weight)):
-        tail = tail_sigmas(weight[j], MISSED)
+        tail = tail_sigmas(weight[j], missed)
         if tail == 0:
             continue
         for k in range(6):
@@ -484,13 +588,53 @@ def least_variances(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray
 
 
 @compiled
-def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np.ndarray:
+def with_tails(motion: Motion, covariance: np.ndarray) -> np.ndarray:
+    """Return a covariance (6, 6) of turn and rate with no less than least_variances()."""
+    least = least_variances(motion.weight, motion.mean, motion.covariance, MISSED)
+    # When a motion begins does not show in the rate of a frame: of what has been seen.
+    least[3:] = least_variances(by_experience(motion.weight, motion.share), motion.mean,
+                                motion.covariance, MISSED)[3:]
+    after = covariance.copy()
+    np.fill_diagonal(after, np.maximum(np.diag(after), least))
+    return after
+
+
+@compiled
+def of_vibration(motion: Motion) -> np.ndarray:
+    """
+    Return the covariance (6, 6) of turn and rate that a vibration adds, zero without.
+
+    A swing of w with fewer than four frames in a period is a vibration, within each exposure, with
+    A = sum mu (r r^T + a a^T / w^2) / w^2 the square of its amplitude, from the rate r less its
+    mean and the acceleration a of each mode. The frames do not tell its frequency w from
+    2 pi / dt - w, at which the body turns the other way: rates that differ by 2 pi / dt sqrt(A).
+    """
+    added, swing = np.zeros((6, 6)), motion.swing
+    w2 = swing[W2]
+    if math.sqrt(w2) * motion.interval_s < math.pi / 2:
+        return added
+    for j in range(len(motion.weight)):
+        if KIND[j] == SWING:
+            rate, acceleration = motion.mean[j, 3:6] - swing[CENTRE], motion.mean[j, 6:9]
+            for i in range(3):
+                for k in range(3):
+                    added[i, k] += motion.weight[j] / w2 * (
+                        rate[i] * rate[k] + acceleration[i] * acceleration[k] / w2)
+    added[3:, 3:] = added[:3, :3] * ((2 * math.pi / motion.interval_s) ** 2 / 2)
+    added[:3, :3] *= SEEN_UNEVENLY ** 2
+    return added
+
+
+@compiled
+def lacking(covariance: np.ndarray, error: np.ndarray, across: float, probability: float
+            ) -> np.ndarray:
     """
     Return what a covariance (3, 3) lacks for an error (3,) that is possible, zero for nothing.
 
     With the probability of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
     probability MISSED_LIGHT: within c of WRONG_SIGMAS, as of tail_sigmas(). As much of the square
-    of the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman, Morrison).
+    of the error is added as makes its Mahalanobis distance WRONG_SIGMAS - c (Sherman, Morrison),
+    and for every axis as much as an error of the size across needs there.
     """
     nothing = np.zeros((3, 3))
     tail = tail_sigmas(probability, MISSED_LIGHT)
@@ -500,7 +644,8 @@ def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np
     distance2 = error @ (inverse(covariance) @ error)
     if distance2 <= most * most:
         return nothing
-    return np.outer(error, error) * (1 / (most * most) - 1 / distance2)
+    added = 1 / (most * most) - 1 / distance2
+    return added * (np.outer(error, error) + across ** 2 * np.eye(3))
 
 
 @compiled
@@ -510,24 +655,27 @@ def ahead(motion: Motion, weight: np.ndarray, mean: np.ndarray, covariance: np.n
     Return mean (6,) and covariance (6, 6) of turn and rate in tau_s, before or after.
 
     Modes have weight (M,), mean (M, N) and covariance (M, N, N), those after the frame mixed().
-    One with a probability below MISSED is left out.
+    One with a probability below MISSED_AHEAD is left out.
     """
     after, P, swing = np.zeros((len(weight), 6)), np.zeros((len(weight), 6, 6)), motion.swing
-    used = np.where(weight < MISSED, 0.0, weight)
+    used = np.where(weight < MISSED_AHEAD, 0.0, weight)
     for j in range(len(weight)):
         if used[j] == 0:
             continue
-        turn = turn_of(mean[j], KIND[j], tau_s, swing)
-        Phi, Q = transition_and_noise(KIND[j], SIZE[j], tau_s, swing[W2], turn, motion.noise,
-                                      motion.interval_s, acceleration, 0.0)
-        after[j, 3:] = _carried(mean[j], Phi, KIND[j], swing)[3:6]
-        after[j, :3] = turn + np.ascontiguousarray(Phi[:3, :3]) @ mean[j, :3]
-        half = np.ascontiguousarray(Phi[:6])
-        P[j] = half @ covariance[j] @ half.T
+        x, whole = mean[j].copy(), covariance[j].copy()
+        turn = turn_of(x, KIND[j], tau_s, swing)
+        F, Q = transition_and_noise(KIND[j], SIZE[j], tau_s, swing[W2], motion.noise,
+                                    motion.interval_s, acceleration)
+        A = matrix_from_rotation_vector(turn).T
+        after[j, :3] = turn + A @ x[:3]
+        _carry_mean(x, F, KIND[j], swing)
+        after[j, 3:] = x[3:6]
+        _carry(whole, A, F)
         if tau_s > 0:
-            P[j] += Q[:6, :6]
+            _add_noise(whole, Q)
+        P[j] = whole[:6, :6]
     middle, both = mixture(used, after, P)
-    least = least_variances(used, after, P)
+    least = least_variances(used, after, P, MISSED_AHEAD)
     for k in range(6):
         both[k, k] = max(both[k, k], least[k])
     return middle, both

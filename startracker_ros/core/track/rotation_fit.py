@@ -9,10 +9,10 @@ import math
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate, estimate_attitude
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.integrity.checks import FEW_AGREE, STAR_OUTLIER
 from startracker_ros.core.maths.rotation import conjugate, rotate
 
-OUTLIER_SIGMA = 5.0
-"""Residual beyond which a centroid is not that of its star."""
+OUTLIER_SIGMA = STAR_OUTLIER.sigmas
 
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 """Median distance from the truth in two dimensions, in units of sigma per axis."""
@@ -52,7 +52,8 @@ class RotationFit:
 def is_good(inliers: int, stars: int, residual_px: float, min_stars: int, max_residual_px: float
             ) -> bool:
     """Return whether min_stars, and a third of stars, fit within max_residual_px rms."""
-    return inliers >= max(min_stars, math.ceil(stars / 3)) and residual_px <= max_residual_px
+    least = max(min_stars, math.ceil(stars / FEW_AGREE.limits['stars_for_one']))
+    return inliers >= least and residual_px <= max_residual_px
 
 
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,

@@ -4,17 +4,17 @@
 """What a model of the motion of stars starts with: two identified frames, or one and a hint."""
 
 from dataclasses import dataclass
-import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.attitude_state import NIS_GATE
 from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
 from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.integrity.checks import (
+    HINT, HINT_DIFFERS, HINT_FAILED, IDENTIFICATION_DIFFERS, MISFIT)
 from startracker_ros.core.maths.compiled_rotation import rotation_between, turned
 from startracker_ros.core.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.core.track.options import TrackerOptions
@@ -22,10 +22,6 @@ from startracker_ros.core.track.rotation_fit import fit_rotation
 from startracker_ros.core.track.tracks import Hint
 
 # --- identified frames: their attitude, and whether it contradicts that of the tracks ---
-
-CONTRADICTION_SIGMA = 10.0
-"""Mahalanobis distance of an identification from the tracks: far beyond the unmodelled errors
-of the lens, far below the degrees of a wrong identification."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +47,13 @@ class IdentifiedFrame:
         """
         error = attitude_error(self.attitude.quaternion, tracked.quaternion)
         covariance = self.attitude.covariance_sensor + tracked.covariance_sensor
-        sigmas = math.sqrt(error @ np.linalg.solve(covariance, error))
+        distance2 = error @ np.linalg.solve(covariance, error)
         sensor = rotate(conjugate(tracked.quaternion), sky.direction(self.star_index))
         residual = camera.project(sensor) - self.centroids.uv
         rms_px = np.sqrt(np.mean(np.sum(residual ** 2, axis=1)))
-        return sigmas > CONTRADICTION_SIGMA and not rms_px <= 3 * max_residual_px
+        check = IDENTIFICATION_DIFFERS
+        return bool(distance2 > check.threshold
+                    and not rms_px <= check.limits['residual_ratio'] * max_residual_px)
 
 
 def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, stamp_ns: int,
@@ -83,9 +81,10 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
     except AttitudeError:
         return None, ''
     if not fit.is_good(len(star_index), options.min_stars, options.max_residual_px):
-        return None, (f'{len(star_index)} identified stars fit to {fit.residual_px:.2g} px rms, '
-                      f'max_residual_px is {options.max_residual_px:g}: calibrate the lens'
-                      if fit.residual_px > options.max_residual_px else '')
+        if not fit.residual_px > options.max_residual_px:
+            return None, ''
+        return None, MISFIT.diagnostic.format(
+            stars=len(star_index), residual_px=fit.residual_px, limit=options.max_residual_px)
     star_index, centroids = star_index[fit.inlier], centroids.select(fit.inlier)
     attitude = fit_error_ellipses(
         fit.attitude, camera, centroids.uv, sky.direction(star_index), error_px2[fit.inlier])
@@ -105,11 +104,9 @@ def _first_of_each(values: np.ndarray) -> np.ndarray:
 
 # --- starts ---
 
-MAX_SIGMA_RAD, MAX_RATE_SIGMA_RAD_S = np.radians([2.0, 0.5])
-"""Errors of a hint above which it says too little to replace an identification."""
-
+_MAX_SIGMA_RAD = np.radians(HINT.limits['sigma_deg'])
+_MAX_RATE_SIGMA_RAD_S = np.radians(HINT.limits['rate_sigma_deg_s'])
 _RATE_FLOOR_RAD_S = np.radians(0.05)
-PROVEN_FRAMES = 5  # good frames after which a start was none of a false hint
 
 
 class Start(NamedTuple):
@@ -148,14 +145,14 @@ def _confirmed(hint: Hint, frame: IdentifiedFrame, where: str, *, hinted: bool) 
     dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9
     floor_rad_s = _RATE_FLOOR_RAD_S if hinted else 0.0
     rate_covariance = hint.rate_covariance + floor_rad_s ** 2 * np.eye(3)
-    if not (_is_within(hint.covariance, MAX_SIGMA_RAD)
-            and _is_within(hint.rate_covariance, MAX_RATE_SIGMA_RAD_S)):
+    if not (_is_within(hint.covariance, _MAX_SIGMA_RAD)
+            and _is_within(hint.rate_covariance, _MAX_RATE_SIGMA_RAD_S)):
         return None
     innovation = rotation_between(
         turned(hint.quaternion, hint.rate * dt_s), frame.attitude.quaternion)
     S = (hint.covariance + frame.attitude.covariance_sensor * frame.scale ** 2
          + rate_covariance * dt_s ** 2)
-    if innovation @ np.linalg.solve(S, innovation) > NIS_GATE:
+    if innovation @ np.linalg.solve(S, innovation) > HINT_DIFFERS.threshold:
         return None
     return Start(frame, hint.rate, rate_covariance, np.zeros((3, 3)),
                  f'{len(frame.star_index)} stars {where}', hinted)
@@ -192,7 +189,7 @@ class HintedStart:
 
     def lost(self, good_frames: int) -> None:
         """Note that the tracker has lost the stars after so many good frames."""
-        self._ignored = self._ignored or (self._used and good_frames < PROVEN_FRAMES)
+        self._ignored = self._ignored or (self._used and good_frames < HINT_FAILED.frames)
         self._used = False
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.core.attitude.systematic_errors import epoch_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -20,11 +19,14 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.integrity.checks import (
+    BAD_FRAMES, FAST_TURN, IDENTIFICATION_DIFFERS, LATE_FRAME, NO_STARS, REPEATED_FRAME,
+    SECOND_IMAGE, SECOND_TOO_LATE, STARS_ELSEWHERE, START_RATE, TIME_JUMP)
+from startracker_ros.core.integrity.consistency import expected_stars, RowPattern
+from startracker_ros.core.integrity.systematic_errors import epoch_covariance
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.track.bank import TrackBank
-from startracker_ros.core.track.consistency import (
-    expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars, zero_point
@@ -38,17 +40,6 @@ from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitud
 RECENT_FRAMES = 64
 """Frames stored for an identification that comes late, and attitudes to check it by:
 6 s at 10 Hz, several times the duration of a lost-in-space identification."""
-
-FAST_SHARE = 0.02
-"""Of the width of the image, moved in a frame: a star crosses it in fifty."""
-
-NEIGHBOURHOOD_PX = 10.0
-"""Distance of a centroid that may be that of a star which the motion has carried elsewhere."""
-
-TIME_JUMP_S = 1.0
-"""A step back of time by more is a restart (a simulation, a recording played again); by less, a
-late frame."""
-
 
 # All are imported, so that a node loads their machine code before it is ready.
 _MODELS = {name: model.load() for name, model in MODELS.items()}
@@ -169,6 +160,11 @@ class TrackFilter:
                              predicted.rate_rad_s, self._options)
 
     @property
+    def follows(self) -> bool:
+        """Return whether the stars of the last frame were where the tracks have them."""
+        return self.state is TrackerState.TRACKING and not self.frames_since_fix
+
+    @property
     def gyro_trouble(self) -> str:
         """Return why the rates of a gyro are not used, empty where they are or without a gyro."""
         return self._model.gyro_trouble
@@ -194,7 +190,7 @@ class TrackFilter:
             tracker.identified(stamp_ns, centroids, hip)
         # As in a torn frame: stars seen elsewhere. The time grows as their number to the fourth.
         uv = centroids.uv[:8]
-        expected_stars(uv, np.ones_like(uv), uv + 5.0, PRESENT_PX)
+        expected_stars(uv, np.ones_like(uv), uv + 5.0, SECOND_IMAGE.limits['present_px'])
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Add a rate (3,) about sensor axes measured up to a time; False if it is rejected."""
@@ -212,11 +208,11 @@ class TrackFilter:
         """
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             back_s = (self._stamp_ns - stamp_ns) * 1e-9
-            if back_s <= TIME_JUMP_S:
+            if back_s <= LATE_FRAME.limits['back_s']:
                 self.late_frames += 1
                 return None
             self.reset()
-            self.reason = f'time jumped back by {back_s:.1f} s'
+            self.reason = TIME_JUMP.diagnostic.format(back_s=back_s)
         frame = self._usable(centroids)[0]
         repeated = self._repetition.add(frame)
         if repeated:
@@ -225,14 +221,14 @@ class TrackFilter:
         self._recent.append((stamp_ns, frame))
         self.frames_since_fix += 1
         if self._first is not None and self._gap_exceeded(self._first.stamp_ns, stamp_ns):
-            self._enter(TrackerState.LOST,
-                        f'no second identification within {self._options.max_gap_s:g} s')
+            self._enter(TrackerState.LOST, SECOND_TOO_LATE.diagnostic.format(
+                max_gap_s=self._options.max_gap_s))
         if self.state is TrackerState.TRACKING and stamp_ns != self._bank_stamp_ns:
             self._track(stamp_ns, frame)
         if repeated and self.state is TrackerState.TRACKING:
-            self.contradiction = REPEATED
+            self.contradiction = REPEATED_FRAME.diagnostic
         elif repeated and self.state is TrackerState.LOST:
-            self.reason = REPEATED
+            self.reason = REPEATED_FRAME.diagnostic
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
         return self._model.bank.to_tracks(
@@ -304,6 +300,7 @@ class TrackFilter:
         self.stars_matched = 0
         self.residual_px = math.nan
         self._first: IdentifiedFrame | None = None
+        self._elsewhere: IdentifiedFrame | None = None
         self._model = make_model(self._camera, self._options, self._gyro)
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
@@ -324,7 +321,7 @@ class TrackFilter:
         frame = start.frame
         rate_deg_s = np.degrees(np.linalg.norm(start.rate))
         if rate_deg_s > self._options.max_rate_deg_s:
-            self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
+            self._acquire(frame, START_RATE.diagnostic.format(rate_deg_s=rate_deg_s))
             return
         self._enter(TrackerState.TRACKING, start.reason)
         self.hints.started(start)
@@ -346,21 +343,31 @@ class TrackFilter:
         tracked = next((attitude for stamp_ns, attitude in self._history
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
+            if frame.stamp_ns > self._good_stamp_ns and self._bad_frames:
+                self._seen_elsewhere(frame)
             return
         if frame.contradicts(tracked, self._camera, sky, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
-            self._acquire(frame, f'an identification contradicts the tracks by '
-                                 f'{np.degrees(np.linalg.norm(error)):.3g} deg')
+            self._acquire(frame, IDENTIFICATION_DIFFERS.diagnostic.format(
+                error_deg=np.degrees(np.linalg.norm(error))))
         else:
             self.checks_passed += 1
+
+    def _seen_elsewhere(self, frame: IdentifiedFrame) -> None:
+        """Start again at the second identified frame in a row that is unused: the body jumped."""
+        first, self._elsewhere = self._elsewhere, frame
+        if first is not None and first.stamp_ns < frame.stamp_ns:
+            self._start(start_of_two(first, frame)._replace(
+                reason=STARS_ELSEWHERE.diagnostic.format(
+                    frames=self._bad_frames, stars=len(frame.star_index))))
 
     # --- from frame to frame ---
 
     def _track(self, stamp_ns: int, frame: Centroids) -> None:
         """Update the tracks by a newer frame."""
         if self._gap_exceeded(stamp_ns, self._good_stamp_ns):
-            gap_s = (stamp_ns - self._good_stamp_ns) * 1e-9
-            self._enter(TrackerState.LOST, f'no stars for {gap_s:.1f} s')
+            self._enter(TrackerState.LOST, NO_STARS.diagnostic.format(
+                gap_s=(stamp_ns - self._good_stamp_ns) * 1e-9))
         if stamp_ns <= self._bank_stamp_ns or self.state is not TrackerState.TRACKING:
             return
         self.acquire_new_stars()
@@ -418,18 +425,19 @@ class TrackFilter:
         """Return whether stars leave the image within some frames of this interval."""
         x, y, _ = self._model.rate_rad_s
         interval_s = (stamp_ns - self._before_ns) * 1e-9
-        return math.hypot(x, y) * self._camera.fx * interval_s > FAST_SHARE * self._camera.width
+        moved_px = math.hypot(x, y) * self._camera.fx * interval_s
+        return moved_px > FAST_TURN.limits['width_share'] * self._camera.width
 
     def _are_seen(self, frame: Centroids) -> bool:
         """Return whether enough of the stars followed have a centroid in the neighbourhood."""
         bank = self._model.bank
         away_px = np.linalg.norm(bank.uv[bank.confirmed][:, None] - frame.uv, axis=-1)
-        seen = away_px.min(axis=1, initial=np.inf) < NEIGHBOURHOOD_PX
+        seen = away_px.min(axis=1, initial=np.inf) < FAST_TURN.limits['neighbourhood_px']
         return bool(np.count_nonzero(seen) >= self._options.min_stars)
 
     def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
         """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
-        self._bad_frames, self._good_stamp_ns = 0, stamp_ns
+        self._bad_frames, self._good_stamp_ns, self._elsewhere = 0, stamp_ns, None
         if not self.contradiction:
             self.frames_since_fix = 0
             self._history.append((stamp_ns, fit.attitude))
@@ -450,7 +458,8 @@ class TrackFilter:
     def _misplaced(self, attitude: AttitudeEstimate, detected: np.ndarray, scale: float,
                    frame: Centroids) -> str:
         """Return what speaks against an attitude among stars as bright as those detected (N,)."""
-        present_px = max(PRESENT_PX, PRESENT_SIGMAS * scale * median(self._model.sigma_px(frame)))
+        present_px = max(SECOND_IMAGE.limits['present_px'],
+                         OUTLIER_SIGMA * scale * median(self._model.sigma_px(frame)))
         expected, velocity = visible_stars(
             self._stars, self._tracked_sky, attitude, self._model.rate_rad_s,
             self._onboard.magnitude[detected].max())
@@ -462,8 +471,8 @@ class TrackFilter:
         self._bad_frames += not self._model.is_sparse(frame)
         self._model.bank = self._model.bank.select(self._kept(frame))
         if self._bad_frames >= self._options.max_bad_frames:
-            self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
-                        f'stars agreed in the last one, residual {self.residual_px:.2f} px')
+            self._enter(TrackerState.LOST, BAD_FRAMES.diagnostic.format(
+                frames=self._bad_frames, stars=self.stars_matched, residual_px=self.residual_px))
 
     def _kept(self, frame: Centroids) -> np.ndarray:
         """Return the tracks (N,) that are not missed too often."""
@@ -515,9 +524,6 @@ def make_model(camera: Camera, options: TrackerOptions, gyro: Gyro) -> StarModel
 
 # --- frames of a source that is frozen: two exposures never have the same noise ---
 
-REPEATED = 'the centroids are those of the frame before, with their noise'
-_MEASURED_PX = 0.02  # by which one image may give other positions, searched in another way
-
 
 class Repetition:
     """Compares each frame of centroids with the one before it that has any."""
@@ -538,7 +544,7 @@ class Repetition:
         before, self._before = self._before, frame.uv.copy()
         if len(before) and not self._vary:
             brightest_px = np.linalg.norm(before - frame.uv[0], axis=1).min()
-            self._vary = bool(brightest_px > _MEASURED_PX)
+            self._vary = bool(brightest_px > REPEATED_FRAME.limits['moved_px'])
         return self._vary and np.array_equal(before, frame.uv)
 
 

@@ -1,18 +1,19 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages of a camera: images, without a copy of the pixels where possible, and its geometry."""
+"""Messages of a camera: images, not copied where possible, their exposures, its geometry."""
 
 import sys
 
 from builtin_interfaces.msg import Time
 import numpy as np
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, TimeReference
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 
@@ -46,6 +47,12 @@ def image_message_from_cdr(data: bytes) -> Image:
                     is_bigendian=read.is_bigendian, step=read.step)
     set_image_data(message, read.data)
     return message
+
+
+def exposure_to_message(exposure_s: float, header: Header) -> TimeReference:
+    """Return `exposure_start` of an image, whose stamp is the middle of its exposure."""
+    begin_ns = ns_from_stamp(header.stamp) - round(exposure_s / 2 * 1e9)
+    return TimeReference(header=header, time_ref=stamp_from_ns(begin_ns), source='exposure')
 
 
 def camera_to_message(camera: Camera, header: Header) -> CameraInfo:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
-from startracker_ros.core.attitude.protection import ProtectionOptions
-from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.core.integrity.protection import ProtectionOptions
+from startracker_ros.core.integrity.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.stages.attitude import AttitudeStage
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows

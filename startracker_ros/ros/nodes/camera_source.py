@@ -1,16 +1,19 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
+"""camera_source: a camera of Video4Linux, or files in its place -> images, exposures."""
 
+from sensor_msgs.msg import TimeReference
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.exposure.control import ExposureMode, ExposureOptions
 from startracker_ros.io.images.auto_exposure import AutoExposure
 from startracker_ros.io.images.capture import (
     Captured, CaptureOptions, CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
+from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions
+from startracker_ros.ros.messages.image import exposure_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.source import CameraOptions, ImageSourceNode
 
@@ -32,6 +35,7 @@ class CameraSourceNode(ImageSourceNode):
         super().__init__('camera_source')
         self._capture: CaptureThread | None = None
         self._exposure: AutoExposure | None = None
+        self._exposure_start = self.advertise(TimeReference, 'exposure_start', qos.LIST)
         self._camera: Camera | None = None
         self._mismatch = ''
         self.diagnostics.checks.append(self._check)
@@ -84,7 +88,11 @@ class CameraSourceNode(ImageSourceNode):
                               f'{camera.height}: set width and height, or calibrate at this size')
             return
         self._mismatch = ''
-        self.publish_image(captured.image, camera, self.sensor_header(captured.stamp_ns))
+        header = self.sensor_header(captured.stamp_ns)
+        if captured.setting is not None:
+            self._exposure_start.publish(
+                exposure_to_message(captured.setting.exposure_ms / 1e3, header))
+        self.publish_image(captured.image, camera, header)
         if self._exposure is not None:
             self._exposure.offer(captured)
         self._report(captured)

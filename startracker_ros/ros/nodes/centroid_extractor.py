@@ -1,21 +1,21 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""centroid_extractor: image_raw, camera_info, predicted_centroids -> centroids, annotated."""
+"""centroid_extractor: images and what is known of them -> centroids, annotated images."""
 
 from functools import partial
 
 import cv2
 import numpy as np
-from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
+from sensor_msgs.msg import Image, PointCloud2, TimeReference
+from startracker_ros.core.centroid.extraction import Extraction, ExtractionOptions
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.stages.annotate import annotate, Labels, mark_bodies
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
 from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
+from startracker_ros.io.bags.telemetry import ExposureTimes
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode, EARLY
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -47,15 +47,15 @@ class CentroidExtractorNode(CameraNode):
         # At once, to count the frames that come before it is ready for images.
         self.subscribe_camera_info()
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
+        self.subscribe(TimeReference, 'exposure_start',
+                       lambda message: self._exposures.add(message), qos.LIST, first=True)
 
     def restart(self) -> None:
         self._predicted: PredictedCentroids | None = None
         self._bodies: tuple[BodyInImage, ...] = ()
+        self._exposures = ExposureTimes()
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
-
-    def warm_up(self) -> None:
-        CentroidExtractor(self.options(ExtractionOptions)).warm_up()
 
     def get_ready(self) -> None:
         if self.has_publisher(self.frame_topic):
@@ -87,7 +87,8 @@ class CentroidExtractorNode(CameraNode):
         header = make_header(stamp_ns, self.follow_frame(header.frame_id))
         extraction = self._stage.process(
             stamp_ns, image.pixels, self._predicted,
-            lost=self.has_publisher('predicted_centroids'), cell=image.cell)
+            lost=self.has_publisher('predicted_centroids'), cell=image.cell,
+            exposure_s=self._exposures.at(stamp_ns))
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.windowed))
         self.defer(partial(self._report, header, image, extraction))

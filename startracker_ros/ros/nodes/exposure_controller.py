@@ -1,15 +1,18 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""exposure_controller: image_raw of another camera driver -> its exposure time and gain."""
+"""exposure_controller: image_raw of another driver -> its exposure and gain, exposure_start."""
 
+from sensor_msgs.msg import TimeReference
 from startracker_ros.core.exposure.control import ExposureOptions
 from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.io.images.auto_exposure import AutoExposure
 from startracker_ros.io.images.capture import Captured
+from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.driver_settings import DriverOptions, DriverSettings
 from startracker_ros.ros.image_topic import subscribe_images, TransportOptions
+from startracker_ros.ros.messages.image import exposure_to_message
 from startracker_ros.ros.node import main_of, PipelineNode
 from std_msgs.msg import Header
 
@@ -23,6 +26,7 @@ class ExposureControllerNode(PipelineNode):
     def __init__(self) -> None:
         super().__init__('exposure_controller')
         self._exposure: AutoExposure | None = None
+        self._exposure_start = self.advertise(TimeReference, 'exposure_start', qos.LIST)
         self._driver = DriverSettings(self, self.options(DriverOptions))
         subscribe_images(self, self._on_image)
 
@@ -49,6 +53,7 @@ class ExposureControllerNode(PipelineNode):
         stamp_ns = ns_from_stamp(header.stamp)
         setting = self._driver.of_image(stamp_ns)
         if setting is not None:
+            self._exposure_start.publish(exposure_to_message(setting.exposure_ms / 1e3, header))
             self._exposure.offer(Captured(image.pixels, stamp_ns, 'driver', 0.0, setting))
             self.diagnostics.values.update(self._exposure.values())
             self.diagnostics.values.update({'exposure_ms': f'{setting.exposure_ms:.4g}',

@@ -87,7 +87,8 @@ class StarIdentifierNode(CameraNode):
         IdentificationStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).identifier.warm_up()
 
     def _on_tracker_state(self, message: DiagnosticStatus) -> None:
-        self._tracking = message.message == TrackerState.TRACKING.value
+        fix = next((one.value for one in message.values if one.key == 'frames_since_fix'), '0')
+        self._tracking = message.message == TrackerState.TRACKING.value and fix == '0'
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self._stage is None or self._stage.add_rate(stamp_ns, rate_rad_s)

@@ -11,7 +11,7 @@ import numpy as np
 from startracker_ros.core.astro.constants import YEAR_S
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.maths.compiled_rotation import mean_attitude
+from startracker_ros.core.maths.compiled_rotation import mean_attitude, rotation_between
 from startracker_ros.sim.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_debris, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
@@ -43,6 +43,7 @@ class Frame:
     flux_dn: np.ndarray
     artefacts: Artefacts
     _mean_pointing: Callable[[], np.ndarray] = field(repr=False, compare=False)
+    _mean_rate: Callable[[], np.ndarray] = field(repr=False, compare=False)
 
     @cached_property
     def q_mean(self) -> np.ndarray:
@@ -52,6 +53,11 @@ class Frame:
         That of state where the motion within it is uniform; computed when it is asked for.
         """
         return self._mean_pointing()
+
+    @cached_property
+    def mean_rate_rad_s(self) -> np.ndarray:
+        """Mean rate (3,) of such an exposure about sensor axes: its turn over its time."""
+        return self._mean_rate()
 
 
 class SkySimulator:
@@ -111,6 +117,7 @@ class SkySimulator:
         if rng.random() < repeated:
             before = self.frame(before_s)
             return replace(before, state=frame.state, _mean_pointing=frame._mean_pointing,
+                           _mean_rate=frame._mean_rate,
                            artefacts=replace(before.artefacts, repeated=True))
         return frame
 
@@ -147,7 +154,14 @@ class SkySimulator:
                               defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
                      detector.flux_dn(stars.magnitude), artefacts,
-                     partial(self._mean_pointing, time_s))
+                     partial(self._mean_pointing, time_s), partial(self._mean_rate, time_s))
+
+    def _mean_rate(self, time_s: float) -> np.ndarray:
+        """Return the mean rate (3,) of an exposure about a time."""
+        exposure_s = self._detector.options.exposure_s
+        begin, end = (self._motion.at(time_s + half).q_icrf_from_sensor
+                      for half in (-exposure_s / 2, exposure_s / 2))
+        return rotation_between(begin, end) / exposure_s
 
     def _mean_pointing(self, time_s: float) -> np.ndarray:
         """Return q_icrf_from_sensor (4,) of the mean pointing of an exposure about a time."""

@@ -87,7 +87,7 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
     due_from = condition.clean_frames or START_IDENTIFICATIONS
     tally, before = Tally(), TrackerState.LOST
     for index, (frame, taken) in enumerate(image_frames(condition, seed, camera)):
-        tally += tally_of_frame(frame, before, taken.q_mean, taken.state.rate_rad_s,
+        tally += tally_of_frame(frame, before, taken.q_mean, taken.mean_rate_rad_s,
                                 index >= due_from and not condition.start)
         before = frame.state
     if condition.start:

@@ -10,8 +10,8 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
+from startracker_ros.core.integrity.protection import ProtectionOptions
 from startracker_ros.tools.datasheet import estimates
 from startracker_ros.tools.datasheet.estimates import AXES, bootstrapped, Estimate, rms
 from startracker_ros.tools.datasheet.image_runs import DISTURBANCES

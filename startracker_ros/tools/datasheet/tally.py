@@ -3,7 +3,8 @@
 
 """The camera of the integrity campaign, and the count of what its runs publish."""
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
@@ -20,6 +21,10 @@ STEP_NS = 100_000_000
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 
 
+_BINS_PER_OCTAVE, _BINS = 4, 120
+_LEAST_SIGMA = 1e-3 * ARCSEC
+
+
 @dataclass(frozen=True)
 class Tally:
     """
@@ -29,7 +34,8 @@ class Tally:
     published attitudes: worst_sigma is the largest error in standard deviations of its own
     covariance on any axis, nees and square_arcsec2 (boresight) are sums. Of the rates published
     with them rates_wrong are beyond 5 sigma, rates_nees is a sum; at, at_wrong and at_nees are the
-    same of Attitude.at() at other times.
+    same of Attitude.at() at other times. by_sigma (K, 2) are the counts and the sums of NEES of
+    the attitudes by their boresight sigma, four bins in each factor of two.
     """
 
     frames: int = 0
@@ -47,15 +53,29 @@ class Tally:
     at: int = 0
     at_wrong: int = 0
     at_nees: float = 0.0
+    by_sigma: np.ndarray = field(
+        default_factory=partial(np.zeros, (_BINS, 2)), repr=False, compare=False)
 
     def __add__(self, other: 'Tally') -> 'Tally':
-        both = Tally(*map(sum, zip(astuple(self), astuple(other))))
+        both = Tally(*(getattr(self, one.name) + getattr(other, one.name)
+                       for one in fields(Tally)))
         return replace(both, worst_sigma=max(self.worst_sigma, other.worst_sigma))
 
     @property
     def worst(self) -> float:
         """Largest error over its bound, wrong above 1."""
         return self.worst_sigma / WRONG_SIGMAS
+
+    def nees_by_quarter(self) -> tuple[float, ...]:
+        """
+        Return the mean NEES of each quarter of the attitudes, the least sigma first.
+
+        The mean of all hides a sigma that is too large in some frames.
+        """
+        count, nees = self.by_sigma.T
+        limits = np.linspace(0, count.sum(), 5)
+        sums = np.interp(limits, np.append(0, np.cumsum(count)), np.append(0, np.cumsum(nees)))
+        return tuple((np.diff(sums) / np.diff(limits)).tolist()) if count.any() else ()
 
 
 def tally_of_rate(rate_rad_s: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
@@ -68,8 +88,10 @@ def tally_of_rate(rate_rad_s: np.ndarray, covariance: np.ndarray, truth: np.ndar
 def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
     """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
     error, sigma = attitude_error(quaternion, truth), np.sqrt(np.diag(covariance))
-    return Tally(published=1, **count_wrong(error, sigma)._asdict(),
-                 nees=float(error @ np.linalg.solve(covariance, error)),
+    nees, by_sigma = float(error @ np.linalg.solve(covariance, error)), np.zeros((_BINS, 2))
+    octaves = np.log2(np.sqrt(sigma[0] * sigma[1]) / _LEAST_SIGMA)
+    by_sigma[int(np.clip(_BINS_PER_OCTAVE * octaves, 0, _BINS - 1))] = 1, nees
+    return Tally(published=1, **count_wrong(error, sigma)._asdict(), nees=nees, by_sigma=by_sigma,
                  square_arcsec2=float(error[:2] @ error[:2]) / ARCSEC ** 2,
                  worst_sigma=float(np.max(np.abs(error) / sigma)))
 

@@ -17,9 +17,6 @@ from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions, Searched
-from startracker_ros.core.centroid.noise import initial_noise_model
-from startracker_ros.core.centroid.point_stars import fit_free_sigma
-from startracker_ros.core.centroid.psf import SIGMA, U, V
 from startracker_ros.core.frame_result import Attitude
 from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
@@ -33,7 +30,7 @@ from startracker_ros.tools.night.earth_motion import EarthMotion, inliers
 from startracker_ros.tools.night.patterns import Stars, without_turns
 from startracker_ros.tools.night.sources import NightError, TimedImage
 
-_WIDTH_STARS, _WIDTH_ITERATIONS = 60, 4
+_WIDTH_STARS = 60
 _WIDTH_SNR = 30.0  # of stars whose PSF sigma is known to some per cent
 _GAP_INTERVALS = 2.5  # of the usual one, that the star tracker bridges
 _NEAR_PX = 4.0
@@ -101,7 +98,7 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
         frames.append(Frame(
             stamp_ns, extraction.centroids, onboard, vantage,
             None if found.attitude is None else found.attitude.quaternion, published,
-            *_widths(extraction.centroids, searched)))
+            *_widths(extractor, image, extraction.centroids, searched)))
     return frames
 
 
@@ -128,18 +125,13 @@ def _vantage(year: float, site: Site | None) -> Vantage:
     return vantage_near_earth(year, site.velocity_m_s(year))._replace(air=site.air(year))
 
 
-def _widths(centroids: Centroids, searched: Searched | None) -> tuple[np.ndarray, np.ndarray]:
+def _widths(extractor: CentroidExtractor, image: np.ndarray, centroids: Centroids,
+            searched: Searched | None) -> tuple[np.ndarray, np.ndarray]:
     """Return uv (K, 2) and PSF sigma (K,) of bright stars, each fitted by itself."""
     bright = centroids.select(centroids.snr > _WIDTH_SNR)
     if searched is None or not len(bright):
         return np.empty((0, 2)), np.empty(0)
-    frame = searched.frame
-    star = fit_free_sigma(
-        frame.image, frame.mesh, frame.kernel, frame.full_scale_dn,
-        frame.search.peaks.select(slice(0, _WIDTH_STARS)),
-        initial_noise_model(frame.background_dn, frame.noise_dn ** 2), searched.sigma_px,
-        _WIDTH_ITERATIONS)[0]
-    uv, width = star[:, [U, V]], star[:, SIGMA]
+    uv, width = extractor.measure_widths(image, searched, _WIDTH_STARS)
     _, near = nearest(bright.uv, uv, 1.0)
     return uv[near], width[near]
 

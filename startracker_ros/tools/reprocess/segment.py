@@ -24,7 +24,8 @@ from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, INERTIAL_FRAME_ID, MessageError,
     ns_from_stamp, read_cloud, SENSOR_FRAME_ID)
 from startracker_ros.io.bags.reader import BagMessage, read_messages
-from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
+from startracker_ros.io.bags.telemetry import (
+    ExposureTimes, state_from_odometry, unit_quaternion)
 from startracker_ros.io.recordings.recording import full_name
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, FrameFit, Stars
 from startracker_ros.tools.reprocess.leftovers import Leftovers
@@ -68,11 +69,12 @@ class SegmentRun:
         self._pipeline: StarTracker | None = None
         self._newest_ns: int | None = None
         self._frame_id = ''
+        self._exposures = ExposureTimes()
         self._truth: dict[int, np.ndarray] = {}
         self.tally = Tally()
         handlers = {segment.source: self._on_frame, 'camera_info': self._on_camera,
                     'imu': self._on_imu, 'odometry': self._on_odometry,
-                    'truth/attitude': self._on_truth}
+                    'exposure_start': self._on_exposure, 'truth/attitude': self._on_truth}
         self._handlers = {full_name(segment.namespace, topic): handler
                           for topic, handler in handlers.items()}
 
@@ -121,6 +123,9 @@ class SegmentRun:
         stamp_ns = ns_from_stamp(decoded.header.stamp)
         self._pipeline_at(stamp_ns, message.log_time_ns).motion.add_state(stamp_ns, state)
 
+    def _on_exposure(self, message: BagMessage) -> None:
+        self._exposures.add(_decoded(message))
+
     def _on_truth(self, message: BagMessage) -> None:
         header, quaternion = cdr.read_quaternion(message.data)
         self._truth[header.stamp_ns] = unit_quaternion(quaternion)
@@ -145,14 +150,15 @@ class SegmentRun:
             if self._newest_ns - stamp_ns <= RESTART_NS:
                 raise MessageError('a frame is not newer than the one before')
             # As the nodes do: a restarted simulation, or a clock that was set.
-            self._pipeline = None
+            self._pipeline, self._exposures = None, ExposureTimes()
             self.tally.problems[f'{message.topic}: time went back by more than '
                                 f'{RESTART_NS * 1e-9:g} s, state forgotten'] += 1
         self._newest_ns = stamp_ns
         pipeline = self._pipeline_at(stamp_ns, message.log_time_ns)
         if message.type_name == IMAGE:
             extraction = pipeline.extraction.process(
-                stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell)
+                stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell,
+                exposure_s=self._exposures.at(stamp_ns))
             content = extraction.centroids, pipeline.extraction.windowed
         frame = pipeline.process_centroids(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)

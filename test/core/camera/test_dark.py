@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 import startracker_ros as st
-from startracker_ros.core.centroid.hits import without_clusters
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.io.images.dark import read_dark
 from startracker_ros.io.images.images import ImageError, Photograph, read_image
+from startracker_ros.photographs.hot_clusters import without_clusters
 from startracker_ros.photographs.solve import solve_files
 
 YEAR = 2019.57

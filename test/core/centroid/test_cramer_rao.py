@@ -10,18 +10,15 @@ its trials. A fit that is worse by more than LOSS, biased, or wrong about its ow
 
 from itertools import product
 
+from native_fits import fit_streaks
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from star_windows import psf_image, windows_of
-from startracker_ros.core.centroid.background import readable
-from startracker_ros.core.centroid.gaussian_fit import fit_stars, ITERATIONS
-from startracker_ros.core.centroid.noise import NoiseModel
-from startracker_ros.core.centroid.streak_fit import fit_streaks, Pixels
+from star_windows import field_without_background, moved, psf_image, windows_of
 
 SNRS, WIDTHS_PX = (10.0, 30.0, 100.0, 400.0), (0.5, 0.8, 1.5, 2.5)
 PHASES_PX = ((0.0, 0.0), (0.5, 0.0), (0.25, 0.4), (0.5, 0.5))
-NOISE, BACKGROUND = NoiseModel(0.8), 150.0
+GAIN_DN, BACKGROUND, ITERATIONS = 0.8, 150.0, 12
 STARS, LOSS = 1500, 1.03
 CHANCE = 1e-3 / (2 * len(SNRS) * len(WIDTHS_PX) * len(PHASES_PX))
 
@@ -29,7 +26,7 @@ CHANCE = 1e-3 / (2 * len(SNRS) * len(WIDTHS_PX) * len(PHASES_PX))
 def flux_of(snr, shape):
     """Return the flux of which an ideal filter of a shape of unit flux has this SNR."""
     def snr_of(flux):
-        return np.sqrt(np.sum((flux * shape) ** 2 / (BACKGROUND + NOISE.gain_dn * flux * shape)))
+        return np.sqrt(np.sum((flux * shape) ** 2 / (BACKGROUND + GAIN_DN * flux * shape)))
     low, high = 1.0, 1e7
     for _ in range(80):
         middle = np.sqrt(low * high)
@@ -44,7 +41,7 @@ def bound(model, parameters):
             for size, change in zip(step, np.diag(step))]
     light = model(parameters) - parameters[3]
     J = np.array(rows)
-    return np.linalg.inv(J / (BACKGROUND + NOISE.gain_dn * light).ravel() @ J.T)
+    return np.linalg.inv(J / (BACKGROUND + GAIN_DN * light).ravel() @ J.T)
 
 
 def check(errors, variance, stated, snr):
@@ -74,17 +71,18 @@ def test_stars(snr, width_px):
         star[2] = flux_of(snr, psf_image(star, side_px))
         light = psf_image(star, side_px)
         data = light + rng.normal(0, 1, (STARS, *light.shape)) * np.sqrt(
-            BACKGROUND + NOISE.gain_dn * light)
+            BACKGROUND + GAIN_DN * light)
         start = np.tile(star, (STARS, 1))
         start[:, :2] += rng.uniform(-0.3, 0.3, (STARS, 2))
-        fit = fit_stars(windows_of(data, BACKGROUND), start, NOISE, 4, ITERATIONS)
+        fit = windows_of(data, BACKGROUND).fit(moved(start), (GAIN_DN, 0.0), 4, ITERATIONS)
+        found = moved(fit.star, -1)
         variance = bound(lambda one: psf_image([*one, width_px], side_px), star[:4])
         for axis in range(2):
-            check(fit.parameters[:, axis] - star[axis], variance[axis, axis],
+            check(found[:, axis] - star[axis], variance[axis, axis],
                   fit.covariance[:, axis, axis], snr)
 
 
-def moved_image(star, streak_px, side_px, steps=60):
+def streaked_image(star, streak_px, side_px, steps=60):
     """Return a star (u, v, flux, level, sigma) that moves along a streak, over its pixels."""
     shares = (np.arange(steps) + 0.5) / steps - 0.5
     return np.mean([psf_image(np.array([*(star[:2] + share * np.array(streak_px)), *star[2:]]),
@@ -100,22 +98,22 @@ def test_streaks(snr, streak_px):
     rng, side_px, stars = np.random.default_rng(round(snr + 10 * sum(streak_px))), 33, 400
     for phase in PHASES_PX:
         star = np.array([*(side_px // 2 + np.array(phase)), 1.0, 0.0, 1.0])
-        star[2] = flux_of(snr, moved_image(star, streak_px, side_px))
-        light = moved_image(star, streak_px, side_px)
+        star[2] = flux_of(snr, streaked_image(star, streak_px, side_px))
+        light = streaked_image(star, streak_px, side_px)
         # One below the other: none reaches the next.
         image = 1000 + np.tile(light, (stars, 1))
         image += rng.normal(0, 1, image.shape) * np.sqrt(
-            BACKGROUND + NOISE.gain_dn * (image - 1000))
+            BACKGROUND + GAIN_DN * (image - 1000))
         start = np.zeros((stars, 7))
         start[:, :5], start[:, 1] = star, star[1] + side_px * np.arange(stars)
         true = start[:, :2].copy()
         start[:, :2] += rng.uniform(-0.3, 0.3, (stars, 2))
         start[:, 5:] = np.hypot(*streak_px), np.arctan2(streak_px[1], streak_px[0])
-        pixels = Pixels(readable(np.round(image).astype(np.uint16)),
-                        np.tile([1000.0, 0, 0], (stars, 1)), np.full(stars, BACKGROUND), 65535.0)
-        fit = fit_streaks(pixels, start, NOISE, 4, 12)
-        variance = bound(lambda one: moved_image([*one, 1.0], streak_px, side_px), star[:4])
+        field = field_without_background(np.round(image).astype(np.uint16))
+        sky = np.tile([1000.0, 0, 0, BACKGROUND], (stars, 1))
+        found, covariance, *_ = fit_streaks(field, sky, start, GAIN_DN, 4, ITERATIONS)
+        variance = bound(lambda one: streaked_image([*one, 1.0], streak_px, side_px), star[:4])
         along = np.array(streak_px) / np.hypot(*streak_px)
         for axis in (along, along[::-1] * [-1, 1]):
-            check((fit.parameters[:, :2] - true) @ axis, axis @ variance[:2, :2] @ axis,
-                  fit.covariance[:, :2, :2] @ axis @ axis, snr)
+            check((found[:, :2] - true) @ axis, axis @ variance[:2, :2] @ axis,
+                  covariance[:, :2, :2] @ axis @ axis, snr)

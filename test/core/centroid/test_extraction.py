@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 from scipy.special import erf
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
-from startracker_ros.core.centroid.background import TILE_PX
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 SKY_E, READ_E, GAIN_E_PER_DN, OFFSET_DN = 200.0, 10.0, 1.5, 100.0
 # Enough for the crowded fields here; the default keeps to what a star tracker follows.
+TILE_PX = 64
 EXTRACT = CentroidExtractor(ExtractionOptions(max_stars=150)).measure
 
 

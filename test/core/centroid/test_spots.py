@@ -5,8 +5,9 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.centroid.spots import find_spots, MAX_STARS
+from startracker_ros.core.centroid.extraction import CentroidExtractor
 
+MAX_STARS = 60
 HEIGHT, WIDTH, STARS = 600, 800, 40
 
 
@@ -31,7 +32,7 @@ def test_the_skyline_leaves_room_for_the_stars():
     seen = others = 0
     for seed in range(4):
         image, uv = all_sky(np.random.default_rng(seed))
-        spots = find_spots(image)
+        spots = CentroidExtractor().find_spots(image)
         near = np.linalg.norm(spots.uv[:, None] - uv, axis=2) < 2
         assert len(spots) <= MAX_STARS
         seen += near.any(axis=0).sum()
@@ -46,7 +47,7 @@ def test_neighbours_and_slopes_leave_a_spot():
     stars = [(60, 60), (68, 60), (140, 150)]
     for x, y in stars:
         image += 60 * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * 1.3 ** 2))
-    spots = find_spots(image.clip(0, 65535).astype(np.uint16))
+    spots = CentroidExtractor().find_spots(image.clip(0, 65535).astype(np.uint16))
     for star in stars:
         assert np.linalg.norm(spots.uv - star, axis=1).min() < 0.5
 
@@ -63,8 +64,8 @@ def test_spots_in_calm_surroundings_are_the_stars_beside_a_lit_tree():
         for x, y in spots + rng.uniform(-2, 2, spots.shape):
             image += height * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * 1.3 ** 2))
     image = image.clip(0, 255).astype(np.uint8)
-    assert np.count_nonzero(find_spots(image).uv[:, 0] < 480) < len(stars) / 2
-    calm = find_spots(image, calm=True)
+    assert np.count_nonzero(CentroidExtractor().find_spots(image).uv[:, 0] < 480) < len(stars) / 2
+    calm = CentroidExtractor().find_spots(image, calm=True)
     apart = np.linalg.norm(calm.uv[:, None] - stars, axis=2)
     # The rest of the list is for the calmest leaves.
     assert (apart.min(axis=0) < 4).all()

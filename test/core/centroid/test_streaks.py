@@ -8,7 +8,6 @@ import pytest
 from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.core.centroid.streak import fit_streak, Streak
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
@@ -145,11 +144,3 @@ def test_each_row_has_its_time():
         centroids = extractor.measure(frame.image).centroids
         np.testing.assert_allclose(
             centroids.delay_s, sign * 20e-6 * (centroids.uv[:, 1] - 255.5), atol=1e-12)
-
-
-def test_a_common_streak_is_that_of_the_least_squares():
-    uv = np.random.default_rng(1).uniform(0, 512, (20, 2))
-    true = Streak(5.0, -2.0, 0.01, 255.5, 255.5)
-    found = fit_streak(uv, true.at(uv), np.ones(20), (512, 512))
-    assert found == pytest.approx(true)
-    assert true.longest_px() > true.length_px

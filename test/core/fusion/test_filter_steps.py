@@ -5,10 +5,15 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.fusion.state import body_attitude, correction, innovation, propagated
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.fusion.state import BODY, body_attitude, FusedState, Measurement
+from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector,
     random_attitude)
+from startracker_ros.core.track.motion_filter import predicted
+
+TINY = 1e-5  # errors in rad, of which a turn is a vector
 
 
 @pytest.fixture
@@ -21,38 +26,47 @@ def covariance(size, rng):
     return root @ root.T
 
 
-def test_a_covariance_is_propagated(rng):
-    P, turn, walk = covariance(15, rng), rng.normal(0, 0.3, 3), rng.random(6)
-    A = matrix_from_quaternion(quaternion_from_rotation_vector(-turn))
-    one, none = np.eye(3), np.zeros((3, 3))
-    a, b, c, d = transition = (0.2, -0.3, 0.7, -1.0)
-    q = (1.0, 0.2, 3.0, -0.4, 5.0)
-    F, Q = np.eye(15), np.zeros((15, 15))
-    F[:9, :9] = np.block([[A, a * one, b * one], [none, c * one, d * one], [none, none, one]])
-    Q[:9, :9] = np.block([[q[0] * one, q[1] * one, q[3] * one], [q[1] * one, q[2] * one, none],
-                          [q[3] * one, none, q[4] * one]])
-    Q[9:, 9:] = np.diag(walk)
-    np.testing.assert_allclose(
-        propagated(P, turn, transition, q, walk), F @ P @ F.T + Q, atol=1e-12)
+def state_with(mounts, rng):
+    """Return a state with so many coefficients, which all modes share."""
+    body = AttitudeState(0, random_attitude(rng), np.zeros(3), np.zeros(3),
+                         TINY ** 2 * covariance(BODY + mounts, rng))
+    return FusedState.begin(body, np.full(3, TINY ** 2), 0.1, TINY * rng.standard_normal(mounts))
+
+
+def test_mounts_go_with_the_body_from_frame_to_frame(rng):
+    """Their covariance with the turn gets that with the rate times the time, and they walk."""
+    before, walk, dt_s = state_with(6, rng), np.r_[np.zeros(3), rng.random(6)] * TINY ** 2, 0.1
+    after = FusedState.of(predicted(
+        before.motion, round(dt_s * 1e9), np.array([dt_s]), np.empty((0, 3)), np.empty(0),
+        np.full(3, 1e-4), walk))
+    P, later = before.covariance, after.covariance
+    np.testing.assert_allclose(later[BODY:, :3], P[BODY:, :3] + dt_s * P[BODY:, 3:6], rtol=1e-6)
+    np.testing.assert_allclose(later[BODY:, BODY:], P[BODY:, BODY:] + np.diag(walk[3:]) * dt_s,
+                               rtol=1e-6)
+    np.testing.assert_allclose(after.coefficients, before.coefficients, rtol=1e-6)
 
 
 @pytest.mark.parametrize('terms', [0, 1, 4])
 def test_a_state_is_updated(rng, terms):
-    P, R, B = covariance(24, rng), covariance(3, rng), rng.standard_normal((3, 3 * terms))
-    q = random_attitude(rng)
-    measured = multiply(q, quaternion_from_rotation_vector(rng.normal(0, 0.1, 3)))
+    """As by one Kalman filter: attitude, drift and mounts are alike in all modes."""
+    state, B = state_with(15, rng), rng.standard_normal((3, 3 * terms))
+    R, columns = TINY ** 2 * covariance(3, rng), slice(12, 12 + 3 * terms)
+    measured = Measurement(turned(state.quaternion, TINY * rng.standard_normal(3)), R, columns, B)
     H = np.zeros((3, 24))
-    H[:, :3], H[:, 12:12 + 3 * terms] = np.eye(3), B
+    H[:, :3], H[:, columns] = np.eye(3), B
+    P = state.covariance
     S = H @ P @ H.T + R
-    z, nis, information, cross = innovation(q, P, measured, R, B, 12)
-    np.testing.assert_allclose(z, attitude_error(measured, q), atol=1e-12)
-    np.testing.assert_allclose(information, np.linalg.inv(S), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(cross, P @ H.T, rtol=1e-9)
-    np.testing.assert_allclose(nis, z @ np.linalg.solve(S, z), rtol=1e-6)
+    z = attitude_error(measured.quaternion, state.quaternion)
+    innovation = state.innovation(measured)
+    np.testing.assert_allclose(innovation.vector, z, atol=1e-12)
+    assert innovation.nis == pytest.approx(z @ np.linalg.solve(S, z), rel=1e-6)
     K = P @ H.T @ np.linalg.inv(S)
-    change, after = correction(P, z, information, cross)
-    np.testing.assert_allclose(change, K @ z, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(after, P - K @ S @ K.T, rtol=1e-6, atol=1e-6)
+    after = state.updated(measured, 0)
+    np.testing.assert_allclose(after.covariance, P - K @ S @ K.T, rtol=1e-5, atol=1e-6 * TINY ** 2)
+    np.testing.assert_allclose(attitude_error(after.quaternion, state.quaternion), (K @ z)[:3],
+                               rtol=1e-4, atol=1e-5 * TINY)
+    np.testing.assert_allclose(after.coefficients - state.coefficients, (K @ z)[BODY:],
+                               rtol=1e-4, atol=1e-5 * TINY)
 
 
 def test_an_attitude_of_a_head_is_that_of_the_body(rng):

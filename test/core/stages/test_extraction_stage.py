@@ -3,13 +3,14 @@
 
 """Which images are searched as a whole, on simulated images of a turning camera."""
 
+from native_core import filled
 import numpy as np
 import pytest
 from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.core.stages.extraction import Exposure, ExtractionStage, SearchOptions
+from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
@@ -236,23 +237,55 @@ def test_stars_among_debris_out_of_focus_are_acquired_within_two_seconds():
     assert len(published) >= 12 and max(over_bound(*pair) for pair in published) < 1
 
 
+def exposure(given_s, *shown):
+    """Return exposure and its limits in s after images that show one, with a weight each."""
+    return filled('stt_exposure', (3,), given_s, np.array(shown, float), len(shown))
+
+
 def test_an_exposure_is_the_mean_of_what_images_show_and_follows_a_change():
-    rng, exposure = np.random.default_rng(1), Exposure(0.0)
-    for _ in range(20):
-        exposure.add(0.05 * (1 + 0.05 * rng.standard_normal()), 30.0)
-    low, high = exposure.limits_s
-    assert exposure.seconds == pytest.approx(0.05, rel=0.04)
+    rng = np.random.default_rng(1)
+    shown = [(0.05 * (1 + 0.05 * rng.standard_normal()), 30.0) for _ in range(20)]
+    seconds, low, high = exposure(0.0, *shown)
+    assert seconds == pytest.approx(0.05, rel=0.04)
     assert low < 0.05 < high and (high - low) / 0.1 < 0.05
-    exposure.add(0.02, 1.0)
-    assert exposure.seconds == pytest.approx(0.05, rel=0.04)
-    exposure.add(0.02, 30.0)
-    assert exposure.seconds == 0.02
+    shown.append((0.02, 1.0))
+    assert exposure(0.0, *shown)[0] == pytest.approx(0.05, rel=0.04)
+    assert exposure(0.0, *shown, (0.02, 30.0))[0] == 0.02
 
 
 def test_a_given_exposure_is_not_learnt():
-    given = Exposure(0.1)
-    given.add(0.02, 1e6)
-    assert given.limits_s == (0.1, 0.1)
+    assert exposure(0.1, (0.02, 1e6)).tolist() == [0.1, 0.1, 0.1]
     image = next(run(1, (1.0, 0.0, 0.0)))[2].image
     stage = ExtractionStage(ExtractionOptions(exposure_s=0.03))
     assert stage.process(START_NS, image).centroids.exposure_s == (0.03, 0.03)
+    found = stage.process(START_NS + STEP_NS, image + 1, exposure_s=0.05)
+    assert found.centroids.exposure_s == (0.03, 0.03)
+
+
+def test_an_exposure_that_changes_from_image_to_image_is_that_of_its_streaks():
+    """Learnt from the images alone it is wrong in every other one."""
+    exposures_s = 0.03, 0.09
+    skies = [SkySimulator(
+        CAMERA, turning((2.5, 1.5, 0.3)), load_catalog(), 2026.5, frame_rate_hz=10.0,
+        detector_options=DetectorOptions(motion_smear=True, exposure_s=exposure_s))
+        for exposure_s in exposures_s]
+    tracker = StarTracker(CAMERA, 2026.5)
+    stage, streaks_px = tracker.extraction, ([], [])
+    published = windowed = 0
+    for index in range(20):
+        frame, stamp_ns = skies[index % 2].frame(1 + index / 10), START_NS + index * STEP_NS
+        tracker.motion.add_state(stamp_ns, frame.state.geocentric)
+        found = stage.process(stamp_ns, frame.image, tracker.tracker.predicted,
+                              exposure_s=exposures_s[index % 2])
+        assert found.centroids.exposure_s == (exposures_s[index % 2],) * 2
+        windowed += stage.windowed
+        result = tracker.process_centroids(stamp_ns, found.centroids, stage.windowed)
+        if result.attitude is not None:
+            published += 1
+            assert over_bound(result, frame) < 1
+            streaks_px[index % 2].append(found.streak_px)
+    assert published >= 17 and windowed >= 12, (published, windowed)
+    assert max(streaks_px[0]) < 0.5 * min(streaks_px[1]), streaks_px
+    # What was given last holds for images of which nothing is said.
+    found = stage.process(START_NS + 20 * STEP_NS, skies[0].frame(3.0).image)
+    assert found.centroids.exposure_s == (0.09, 0.09)

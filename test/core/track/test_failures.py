@@ -3,15 +3,18 @@
 
 """What is named: a diverged filter, no covariance, a frozen source, a gyro at its range."""
 
+from dataclasses import replace
+
 import numpy as np
 from star_motion import Motion, sky, START_NS, STEP_NS
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.integrity.checks import IDENTIFICATION_DIFFERS, REPEATED_FRAME
 from startracker_ros.core.track import attitude_model
 from startracker_ros.core.track.motion_filter import started
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.track_filter import REPEATED, TrackerState, TrackFilter
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
 
@@ -38,7 +41,8 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypat
     tracker = tracking(motion, max_bad_frames=1000, acceleration_deg_s2=1e-6,
                        roll_acceleration_deg_s2=1e-6)
     # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
-    monkeypatch.setattr(attitude_model, 'DIVERGED_SIGMAS', 10.0)
+    monkeypatch.setattr(attitude_model, 'DIVERGED', replace(
+        attitude_model.DIVERGED, probability=IDENTIFICATION_DIFFERS.probability))  # 10 sigma
     for frame in range(12, 17):
         assert tracker.state is TrackerState.TRACKING
         # As by a defect of the state: it is wrong by 3 sigma of a star, and sure of that.
@@ -77,9 +81,9 @@ def test_the_centroids_of_a_frozen_source_are_not_used():
         assert not tracker.update(repeated_ns, centroids).usable.any()
         assert tracker.attitude is None
         if tracker.state is TrackerState.TRACKING:
-            assert tracker.contradiction == REPEATED
+            assert tracker.contradiction == REPEATED_FRAME.diagnostic
         tracker.identified(repeated_ns, centroids, hip)
-    assert tracker.state is TrackerState.LOST and tracker.reason == REPEATED
+    assert tracker.state is TrackerState.LOST and tracker.reason == REPEATED_FRAME.diagnostic
     assert not tracker.contradiction
     for frame in range(70, 73):
         stamp_ns, centroids, hip = motion.frame(frame)

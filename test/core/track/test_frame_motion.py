@@ -73,3 +73,24 @@ def test_a_fast_turn_of_a_rolling_shutter_is_tracked_from_the_third_frame_on(see
     error = multiply(result.attitude.quaternion * [-1, -1, -1, 1],
                      attitude(np.array([time_s]))[0])
     assert np.linalg.norm(error[:2]) < 2e-5
+
+
+@pytest.mark.parametrize('jump_deg', [0.5, 5.0])
+def test_a_body_that_jumps_has_an_attitude_again_after_three_frames(jump_deg):
+    """The attitude of the third is the first that two identified frames show."""
+    rng = np.random.default_rng(7)
+    attitude, tracker = random_attitude(rng), StarTracker(CAMERA, EPOCH_YEAR, aberration='none')
+    missing = []
+    for k in range(40):
+        if k in (10, 25):
+            axis = rng.standard_normal(3)
+            attitude = multiply(attitude, quaternion_from_rotation_vector(
+                np.radians(jump_deg) * axis / np.linalg.norm(axis)))
+        seen, _ = star_list(onboard_stars(), CAMERA, attitude, 0.1, rng, missing=0.05, false=3)
+        result = tracker.process_centroids(START_NS + k * 100_000_000, seen)
+        if result.attitude is None:
+            missing.append(k)
+        else:
+            error = multiply(result.attitude.quaternion * [-1, -1, -1, 1], attitude)
+            assert np.linalg.norm(error[:2]) < 2e-5
+    assert missing == [0, 1, 10, 11, 12, 25, 26, 27]

@@ -11,7 +11,7 @@ import pytest
 from startracker_evaluation.campaign.centroid import (
     conclusions, FACTORS, Photograph, without_lens)
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.moments import WEIGHTS
+from startracker_ros.core.centroid.extraction import WEIGHTS
 
 
 @pytest.fixture(scope='module')

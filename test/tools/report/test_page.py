@@ -123,8 +123,8 @@ def wide(page: Page, report: Path) -> Page:
 
 def test_a_run_with_few_attitudes_does_not_look_like_a_good_one(
         page: Page, report: Path, tmp_path: Path) -> None:
-    kidnapped = Path(__file__).parents[3] / 'bags' / 'kidnapped'
-    write_report(kidnapped, tmp_path / 'bag.html')
+    dropouts = Path(__file__).parents[3] / 'bags' / 'dropouts'
+    write_report(dropouts, tmp_path / 'bag.html')
     for path, low in ((report, 0), (tmp_path / 'bag.html', 1)):
         page.load(path)
         assert page.count('.figures .low') == low

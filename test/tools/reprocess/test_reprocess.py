@@ -21,6 +21,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
 from startracker_ros.io.bags.reader import decode, read_messages, read_topics
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.io.output import OutputError
@@ -66,19 +67,23 @@ def test_attitudes_are_right_and_smoothed_better(finished_run):
 @pytest.mark.parametrize('clock, shift_ns', [('boot', None), ('GPS time', GPS_NS)])
 def test_stamps_of_another_clock_are_named_and_have_a_covariance_that_holds(
         reprocess, tmp_path, clock, shift_ns):
-    """Those of GPS time are recognised by the time of recording."""
+    """Those of GPS time are recognised by the time of recording; exposures are recorded, too."""
     recorded = Path(__file__).parents[3] / 'bags' / 'slew'
     truth = {header.stamp_ns: q for header, q in (
         cdr.read_quaternion(message.data)
         for message in read_messages(recorded, topics=('/truth/attitude',)))}
     shift_ns = shift_ns or min(truth) - 10 ** 11
-    bag = write_shifted(recorded, tmp_path / 'bag', shift_ns)
+    bag = write_shifted(recorded, tmp_path / 'bag', shift_ns, exposure_s=0.04)
     result = reprocess([bag], tmp_path / 'run')
     row, = result.records
     assert row['with_attitude_percent'] > 60
     named, = (row for row in errors(tmp_path / 'run') if clock in row['reason'])
     assert named['count'] == row['frames']
     metadata, = (tmp_path / 'run' / 'bags').rglob('metadata.yaml')
+    exposures_s = {tuple(read_cloud(cdr.read_point_cloud(message.data), CENTROID_DTYPE)[
+        ['exposure_min', 'exposure_max']][0].tolist())
+        for message in read_messages(metadata.parent, topics=('/centroids',))}
+    assert exposures_s == {(np.float32(0.04), np.float32(0.04))}
     attitudes = load_recording(metadata.parent)
     bounds = attitudes.protection_rad
     assert len(bounds) == len(attitudes.attitude_ns) > 30

@@ -1,0 +1,175 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "centroid/artefacts.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "centroid/connected.h"
+#include "centroid/hits.h"
+#include "maths/clones.h"
+
+namespace st {
+namespace {
+
+constexpr int LARGE_PX = 120;  // across; the longest streak of a star is shorter
+constexpr int LARGE_PEAKS =
+    30;  // on lines and discs, from which on these are taken out as a whole
+constexpr double LARGE_SIGMAS = 3.0;  // above the background
+constexpr int MARGIN_PX = 3;          // around something large, where its flux falls below that
+constexpr double MOST_SHARE = 0.6;    // of the image; more is no artefact in a field of stars
+
+struct Box {
+    int left, right, top, bottom;
+
+    bool is_large() const { return right - left >= LARGE_PX || bottom - top >= LARGE_PX; }
+};
+
+ST_CLONES void set_bright(const uint16_t *__restrict row, const float *__restrict level,
+                          float above, int count, int32_t *__restrict bright) {
+    for (int u = 0; u < count; ++u) {
+        bright[u] = static_cast<float>(row[u]) > level[u] + above ? 1 : 0;
+    }
+}
+
+ST_CLONES void join(const uint8_t *__restrict from, int count, uint8_t *__restrict to) {
+    for (int u = 0; u < count; ++u) {
+        to[u] |= from[u];
+    }
+}
+
+/// Number the connected bright pixels of an image; return how many spots there are.
+int connect_bright(const Image &image, const Mesh &mesh, double noise_dn,
+                   const Plane<int32_t> &spot, Arena &arena) {
+    const Arena::Scope scope(arena);
+    auto *line = arena.take<float>(static_cast<size_t>(image.width));
+    OverImage level(mesh, mesh.level, image.width, image.height, arena);
+    for (int v = 0; v < image.height; ++v) {
+        level.fill(v, line);
+        set_bright(image.row(v), line, static_cast<float>(LARGE_SIGMAS * noise_dn), image.width,
+                   spot.row(v));
+    }
+    return connect(spot, arena);
+}
+
+/// Fill mask with 1 for the pixels of large spots, else 0; return whether there is a large one.
+bool mark_large(const Plane<int32_t> &spot, int count, const Plane<uint8_t> &mask, Arena &arena) {
+    const Arena::Scope scope(arena);
+    auto *boxes = arena.take<Box>(static_cast<size_t>(count) + 1);
+    auto *large = arena.take<uint8_t>(static_cast<size_t>(count) + 1);
+    for (int i = 0; i <= count; ++i) {
+        boxes[i] = {spot.width, 0, spot.height, 0};
+    }
+    for (int v = 0; v < spot.height; ++v) {
+        const int32_t *row = spot.row(v);
+        for (int u = 0; u < spot.width; ++u) {
+            if (row[u] == 0) {
+                continue;
+            }
+            Box &box = boxes[row[u]];
+            box.left = u < box.left ? u : box.left;
+            while (u + 1 < spot.width && row[u + 1] != 0) {
+                ++u;  // of the same spot
+            }
+            box.right = u > box.right ? u : box.right;
+            box.top = v < box.top ? v : box.top;
+            box.bottom = v;
+        }
+    }
+    bool any = false;
+    large[0] = 0;
+    for (int i = 1; i <= count; ++i) {
+        large[i] = boxes[i].is_large() ? 1 : 0;
+        any |= boxes[i].is_large();
+    }
+    for (int k = 0; k < spot.size(); ++k) {
+        mask.value[k] = large[spot.value[k]];
+    }
+    return any;
+}
+
+/// Fill wide with 1 within MARGIN_PX of a pixel of mask, along both axes; return how many these
+/// are. What was in mask is lost.
+int64_t widen(const Plane<uint8_t> &mask, const Plane<uint8_t> &wide, Arena &arena) {
+    const Arena::Scope scope(arena);
+    const auto width = static_cast<size_t>(mask.width);
+    auto *line = arena.take<uint8_t>(width + 2 * MARGIN_PX);
+    std::memset(line, 0, width + 2 * MARGIN_PX);
+    for (int v = 0; v < mask.height; ++v) {
+        std::memcpy(line + MARGIN_PX, mask.row(v), width);
+        for (int k = 0; k <= 2 * MARGIN_PX; ++k) {
+            join(line + k, mask.width, mask.row(v));
+        }
+    }
+    int64_t count = 0;
+    for (int v = 0; v < mask.height; ++v) {
+        uint8_t *row = wide.row(v);
+        std::memset(row, 0, width);
+        const int first = v - MARGIN_PX > 0 ? v - MARGIN_PX : 0;
+        for (int y = first; y <= v + MARGIN_PX && y < mask.height; ++y) {
+            join(mask.row(y), mask.width, row);
+        }
+        for (int u = 0; u < mask.width; ++u) {
+            count += row[u];
+        }
+    }
+    return count;
+}
+
+/// Take connected bright pixels that extend over LARGE_PX out of an image, whose pixels are clean.
+void remove_large(const Image &image, uint16_t *clean, const Mesh &mesh, double noise_dn,
+                  Arena &arena) {
+    const Arena::Scope scope(arena);
+    const auto size = static_cast<size_t>(image.size());
+    const Plane<int32_t> spot{arena.take<int32_t>(size), image.width, image.height};
+    const int count = connect_bright(image, mesh, noise_dn, spot, arena);
+    const Plane<uint8_t> mask{arena.take<uint8_t>(size), image.width, image.height};
+    const Plane<uint8_t> wide{arena.take<uint8_t>(size), image.width, image.height};
+    if (!mark_large(spot, count, mask, arena) ||
+        static_cast<double>(widen(mask, wide, arena)) > MOST_SHARE * image.size()) {
+        return;
+    }
+    auto *line = arena.take<float>(static_cast<size_t>(image.width));
+    OverImage level(mesh, mesh.level, image.width, image.height, arena);
+    for (int v = 0; v < image.height; ++v) {
+        level.fill(v, line);
+        for (int u = 0; u < image.width; ++u) {
+            if (wide.at(u, v) != 0) {
+                const float value = std::nearbyint(line[u]);
+                clean[v * image.stride + u] = static_cast<uint16_t>(value < 0.0f       ? 0.0f
+                                                                    : value < 65535.0f ? value
+                                                                                       : 65535.0f);
+            }
+        }
+    }
+}
+
+}  // namespace
+
+Contamination find_contamination(const Frame &frame) {
+    const Search &search = frame.search;
+    const int large =
+        search.lines.count + search.lines.left_out + search.discs.count + search.discs.left_out;
+    return {search.too_many() || is_storm(frame.image, search.peaks), large >= LARGE_PEAKS};
+}
+
+Image cleaned(const Image &image, const Mesh &mesh, const Contamination &contamination,
+              double sigma_px, Rejections &rejections, Arena &arena) {
+    const double noise_dn = pixel_noise(image, arena);
+    auto *clean = arena.take<uint16_t>(static_cast<size_t>(image.size()));
+    for (int v = 0; v < image.height; ++v) {
+        std::memcpy(clean + static_cast<ptrdiff_t>(v) * image.width, image.row(v),
+                    sizeof(uint16_t) * static_cast<size_t>(image.width));
+    }
+    const Image view{clean, image.width, image.height, image.width, image.bits};
+    if (contamination.large) {
+        remove_large(view, clean, mesh, noise_dn, arena);
+    }
+    if (contamination.hits) {
+        remove_hits(view, clean, mesh, noise_dn, sigma_px, rejections, arena);
+    }
+    return view;
+}
+
+}  // namespace st

@@ -1,0 +1,269 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+// A tracker: its memory, and the order of its stages.
+
+#include "tracker.h"
+
+#include <cmath>
+#include <cstring>
+#include <new>
+
+#include "centroid/spots.h"
+
+using namespace st;
+
+namespace {
+
+constexpr int64_t MOST_PIXELS = int64_t{1} << 27;
+constexpr int DERIVED_PREDICTIONS = 1000;
+
+int most_centroids(const st_config &config) {
+    const st_extraction_options &options = config.extraction;
+    const int most =
+        options.max_stars > options.max_stars_lost ? options.max_stars : options.max_stars_lost;
+    return config.capacities.centroids > 0 ? config.capacities.centroids
+                                           : most + options.max_stars;
+}
+
+/// What a tracker needs: itself, what stays between calls, and work memory.
+struct Bytes {
+    size_t kept, work;
+};
+
+Bytes bytes_of(const st_config &config, int width, int height) {
+    const ExtractionLimits limits = limits_of(config, width, height);
+    const auto predictions = static_cast<size_t>(most_predictions(config));
+    const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+    return {Arena::padded<st_tracker>(1) + stage_bytes(config, width, height) +
+                Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
+                Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected)),
+            Arena::padded<std::byte>(work_bytes(width, height, limits)) +
+                8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels)};
+}
+
+/// Whether a tracker of these options and camera is possible.
+st_status check(const st_config *config, const st_camera *camera, st_fault *fault) {
+    st_status status = st_check_config(config, fault);
+    if (status == ST_OK) {
+        status = st_check_camera(camera, fault);
+    }
+    if (status != ST_OK) {
+        return status;
+    }
+    const double pixels = static_cast<double>(camera->width_px) * camera->height_px;
+    if (pixels > static_cast<double>(MOST_PIXELS)) {
+        if (fault != nullptr) {
+            *fault = {"width_px height_px", pixels, 1.0, static_cast<double>(MOST_PIXELS)};
+        }
+        return ST_OUT_OF_RANGE;
+    }
+    return config->stages == ST_EXTRACTS ? ST_OK : ST_NO_STAGE;
+}
+
+/// Whether predictions are finite, stars first.
+bool are_possible(const st_prediction *predictions, size_t count) {
+    bool target = false;
+    for (size_t i = 0; i < count; ++i) {
+        const st_prediction &one = predictions[i];
+        if (!std::isfinite(one.u_px) || !std::isfinite(one.v_px) ||
+            !std::isfinite(one.u_rate_px_s) || !std::isfinite(one.v_rate_px_s) ||
+            !std::isfinite(one.sigma_px) || one.sigma_px < 0 || (target && one.hip != 0)) {
+            return false;
+        }
+        target |= one.hip == 0;
+    }
+    return true;
+}
+
+/// Return a star in the pixels of a camera, where those of the image are cell x cell each.
+st_centroid in_camera(st_centroid star, double cell) {
+    const double square = cell * cell, shift = (cell - 1) / 2;
+    star.u_px = cell * star.u_px + shift;
+    star.v_px = cell * star.v_px + shift;
+    star.sigma_px *= cell;
+    star.cov_uu_px2 *= square;
+    star.cov_uv_px2 *= square;
+    star.cov_vv_px2 *= square;
+    star.common_uu_px2 *= square;
+    star.common_uv_px2 *= square;
+    star.common_vv_px2 *= square;
+    star.delay_s *= cell;
+    return star;
+}
+
+template <class T>
+const T *listed(const List<T> &list, size_t *count) {
+    if (count != nullptr) {
+        *count = static_cast<size_t>(list.count);
+    }
+    return list.item;
+}
+
+}  // namespace
+
+namespace st {
+
+int most_predictions(const st_config &config) {
+    return config.capacities.predictions > 0 ? config.capacities.predictions : DERIVED_PREDICTIONS;
+}
+
+bool is_of_camera(const st_tracker &tracker, const st_image &image) {
+    if (image.cell < 1 || image.width_px < 1 || image.height_px < 1 ||
+        image.width_px != tracker.width / image.cell ||
+        image.height_px != tracker.height / image.cell ||
+        (image.type != ST_GREY8 && image.type != ST_GREY16)) {
+        return false;
+    }
+    const int64_t bytes = image.type == ST_GREY16 ? 2 : 1;
+    return image.stride_bytes >= bytes * image.width_px && image.stride_bytes % bytes == 0 &&
+           reinterpret_cast<uintptr_t>(image.pixels) % static_cast<uintptr_t>(bytes) == 0;
+}
+
+Image image_of(const st_image &image, Arena &arena) {
+    const int width = image.width_px, height = image.height_px;
+    if (image.type == ST_GREY16) {
+        return {static_cast<const uint16_t *>(image.pixels), width, height,
+                static_cast<ptrdiff_t>(image.stride_bytes / 2), 16};
+    }
+    auto *copy = arena.take<uint16_t>(static_cast<size_t>(width) * static_cast<size_t>(height));
+    for (int v = 0; v < height; ++v) {
+        widen_row(static_cast<const uint8_t *>(image.pixels) + v * image.stride_bytes, width,
+                  copy + static_cast<ptrdiff_t>(v) * width);
+    }
+    return {copy, width, height, width, 8};
+}
+
+void publish(st_tracker &tracker, const Extraction &found, double cell,
+             const ExposureLimits &exposure, bool windowed, st_extraction &extraction) {
+    tracker.centroids.clear();
+    tracker.rejected.clear();
+    List<st_centroid> stars = found.stars;
+    if (stars.count > tracker.centroids.capacity) {
+        sort_by_flux(stars, tracker.work);
+    }
+    for (const st_centroid &star : stars) {
+        tracker.centroids.add(in_camera(star, cell));
+    }
+    for (st_rejected one : found.rejections.spots) {
+        one.u_px = cell * one.u_px + (cell - 1) / 2;
+        one.v_px = cell * one.v_px + (cell - 1) / 2;
+        tracker.rejected.add(one);
+    }
+    const Streak unknown{NAN, NAN, NAN, NAN, NAN};
+    const Streak &streak = found.streaked ? found.streak : unknown;
+    extraction = {};
+    extraction.background_dn = found.background_dn;
+    extraction.noise_dn = found.noise_dn;
+    extraction.psf_sigma_px = found.psf_sigma_px;
+    extraction.exposure_least_s = exposure.least_s;
+    extraction.exposure_most_s = exposure.most_s;
+    extraction.streak_u_px = streak.u_px;
+    extraction.streak_v_px = streak.v_px;
+    extraction.streak_roll_rad = streak.roll;
+    extraction.streak_at_u_px = streak.u0;
+    extraction.streak_at_v_px = streak.v0;
+    extraction.centroids = tracker.centroids.count;
+    extraction.centroids_left_out = tracker.centroids.left_out;
+    extraction.rejected = found.rejections.count();
+    extraction.rejected_listed = tracker.rejected.count;
+    std::memcpy(extraction.rejected_by_kind, found.rejections.by_kind,
+                sizeof(extraction.rejected_by_kind));
+    extraction.windowed = windowed ? 1 : 0;
+    extraction.reason = found.reason;
+}
+
+}  // namespace st
+
+extern "C" {
+
+st_status st_size(const st_config *config, const st_camera *camera, const st_sky *,
+                  size_t *bytes) {
+    if (bytes == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = check(config, camera, nullptr);
+    if (status == ST_OK) {
+        const Bytes needed = bytes_of(*config, camera->width_px, camera->height_px);
+        *bytes = needed.kept + needed.work;
+    }
+    return status;
+}
+
+st_status st_create(void *memory, size_t bytes, const st_config *config, const st_camera *camera,
+                    const st_sky *, st_tracker **tracker, st_fault *fault) {
+    if (memory == nullptr || tracker == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = check(config, camera, fault);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (reinterpret_cast<uintptr_t>(memory) % ALIGNMENT != 0) {
+        return ST_MISALIGNED;
+    }
+    const int width = camera->width_px, height = camera->height_px;
+    const Bytes needed = bytes_of(*config, width, height);
+    if (bytes < needed.kept + needed.work) {
+        return ST_TOO_LITTLE_MEMORY;
+    }
+    Arena kept(memory, needed.kept);
+    auto *made = new (kept.take<st_tracker>(1)) st_tracker{};
+    made->config = *config;
+    made->width = width;
+    made->height = height;
+    made->extraction = ExtractionStage(*config, width, height, kept);
+    made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(*config)));
+    made->rejected =
+        kept.list<st_rejected>(static_cast<size_t>(limits_of(*config, width, height).rejected));
+    made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
+    *tracker = made;
+    return ST_OK;
+}
+
+st_status st_reset(st_tracker *tracker) {
+    if (tracker == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    tracker->extraction.reset();
+    tracker->centroids.clear();
+    tracker->rejected.clear();
+    return ST_OK;
+}
+
+st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
+                     const st_prediction *predictions, size_t count, int64_t predicted_ns,
+                     int32_t lost, st_extraction *extraction) {
+    if (tracker == nullptr || image == nullptr || image->pixels == nullptr ||
+        extraction == nullptr || (predictions == nullptr && count > 0)) {
+        return ST_NULL_POINTER;
+    }
+    if (!is_of_camera(*tracker, *image)) {
+        return ST_BAD_IMAGE;
+    }
+    if (count > static_cast<size_t>(most_predictions(tracker->config))) {
+        return ST_TOO_MANY;
+    }
+    if (stamp_ns < 0 || predicted_ns < 0 || !are_possible(predictions, count) ||
+        !std::isfinite(image->exposure_s) || image->exposure_s < 0) {
+        return ST_BAD_INPUT;
+    }
+    const Arena::Scope scope(tracker->work);
+    const Extraction &found = tracker->extraction.process(
+        stamp_ns, image_of(*image, tracker->work), image->exposure_s,
+        {predictions, static_cast<int>(count), predicted_ns, image->cell}, lost != 0,
+        tracker->work);
+    publish(*tracker, found, image->cell, tracker->extraction.exposure(),
+            tracker->extraction.windowed(), *extraction);
+    return ST_OK;
+}
+
+const st_centroid *st_centroids(const st_tracker *tracker, size_t *count) {
+    return tracker == nullptr ? nullptr : listed(tracker->centroids, count);
+}
+
+const st_rejected *st_rejections(const st_tracker *tracker, size_t *count) {
+    return tracker == nullptr ? nullptr : listed(tracker->rejected, count);
+}
+
+}  // extern "C"
