@@ -170,7 +170,7 @@ class ImageTracker:
         """Return a copy of a list of the last call."""
         first = getattr(self._library, name)(self._handle, ctypes.byref(self._count))
         size = self._count.value * kind.itemsize
-        return np.frombuffer(ctypes.string_at(first, size) if size else b'', kind)
+        return np.frombuffer(ctypes.string_at(first, size) if size else b'', kind).copy()
 
     def _found(self) -> Found:
         """Return the results of a call that has filled the st_extraction."""
