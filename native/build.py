@@ -93,7 +93,7 @@ def library_for_tests(compiler: Compiler) -> Program:
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:
     """Return a program of the tests, test/NAME.c, with or without sanitizers."""
     sources = (*_core(), *(NATIVE / 'test' / file for file in (
-        f'{name}.c', 'json.c', 'kernels.cpp')))
+        f'{name}.c', 'json.c', 'sky_file.c', 'kernels.cpp')))
     if not sanitized:
         return Program(sources, _LINKED[compiler.kind])
     if compiler.kind == 'zig':

@@ -40,7 +40,7 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
-    motion (N, 3) is the proper motion in rad a year, parallax_rad (N,) the parallax. stored is
+    motion (N, 3) and parallax_rad (N,) are those of StarCatalog.changes(). stored is
     where the arrays are mapped from, sky_share the share of the sky that it covers.
     """
 
@@ -134,7 +134,9 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     if its total magnitude is within the limit. All stars of the catalogue are components and
     neighbours, so the direction of an entry does not depend on the limit.
     """
-    direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
+    earth_au = earth_position_au(epoch_year)
+    direction = catalog.directions(epoch_year, earth_au)
+    velocity, parallax_rad = catalog.changes(epoch_year, earth_au)
     pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
     merged, entry = np.unique(lowest_connected(
         pairs[square <= _chord(merge_rad) ** 2], len(catalog)), return_inverse=True)
@@ -157,10 +159,10 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
         chosen[brightest_everywhere(direction[order], least_density)] = True
     order = order[chosen]
     rows = brightest[order]
-    motion = catalog.directions(epoch_year + 1) - catalog.directions(epoch_year)
-    # Of the photocentre, as the direction.
-    motion, parallax = (np.stack([np.bincount(entry, flux * axis, count) for axis in of.T], -1)
-                        / length for of in (motion, catalog.parallax_rad[:, None]))
+    motion, parallax = (
+        # Of the photocentre, as the direction.
+        np.stack([np.bincount(entry, flux * axis, count) for axis in of.T], -1) / length
+        for of in (velocity, parallax_rad[:, None]))
     return OnboardCatalog(catalog.hip[rows], direction[order], magnitude[order], crowded[order],
                           blended[order], crowd_rad, catalog.variation_mag[rows],
                           motion[order].astype(np.float32),
