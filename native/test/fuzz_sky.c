@@ -57,8 +57,8 @@ static int try_file(const uint8_t *file, uint64_t bytes, uint64_t round) {
     const st_sky sky = {copy, left};
     st_fault fault = {NULL, 0, 0, 0};
     const st_status status = st_check_sky(&sky, &fault);
-    const int wrong = status == ST_OK ? ask(&sky) != 0
-                                      : status != ST_BAD_SKY || fault.name == NULL;
+    const int wrong =
+        status == ST_OK ? ask(&sky) != 0 : status != ST_BAD_SKY || fault.name == NULL;
     if (wrong) {
         printf("round %" PRIu64 ": %s, %s\n", round, st_status_text(status),
                fault.name == NULL ? "no fault" : fault.name);
@@ -78,7 +78,8 @@ int main(int count, char **arguments) {
     const json *first = json_member(document, "cases")->first;
     uint64_t bytes = 0;
     uint8_t *file = sky_file(json_member(json_member(first, "input"), "sections"), &bytes);
-    const uint64_t rounds = strtoull(arguments[2], NULL, 10), seed = strtoull(arguments[3], NULL, 10);
+    const uint64_t rounds = strtoull(arguments[2], NULL, 10),
+                   seed = strtoull(arguments[3], NULL, 10);
     int failures = 0;
     for (uint64_t round = seed; round < seed + rounds; ++round) {
         failures += try_file(file, bytes, round);

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
@@ -40,8 +41,8 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
-    motion (N, 3) and parallax_rad (N,) are those of StarCatalog.changes(). stored is
-    where the arrays are mapped from, sky_share the share of the sky that it covers.
+    motion (N, 3) and parallax_rad (N,) are those of StarCatalog.changes(). stored is where the
+    arrays are mapped from, sky_share the share of the sky that it covers.
     """
 
     hip: np.ndarray
@@ -82,9 +83,10 @@ class OnboardCatalog:
         count = int(np.count_nonzero(self.magnitude.astype(np.float32) <= np.float32(limit)))
         if count == len(self):
             return self
-        return replace(self, **{
+        brightest: dict[str, Any] = {
             name: value[:count] for name, value in vars(self).items()
-            if isinstance(value, np.ndarray)})
+            if isinstance(value, np.ndarray)}
+        return replace(self, **brightest)
 
     def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return the star indices (M,) up to radius_rad from center (3,), brightest first."""

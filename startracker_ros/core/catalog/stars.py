@@ -88,9 +88,9 @@ class StarCatalog:
         """
         Return what changes directions() after a Julian year: velocity (N, 3), parallax_rad (N,).
 
-        Both are in units of the distance at epoch_year, the velocity in rad a year, with that along
-        the line of sight. A star is then seen along direction + years * velocity
-        - parallax_rad * moved_au, of any length, exactly: by an observer who has moved (3,) au.
+        Both are in units of the distance at epoch_year, the velocity in rad a year, with that
+        along the line of sight. From moved_au (3,) farther a star is later seen exactly along
+        direction + years * velocity - parallax_rad * moved_au, which is no unit vector.
         """
         distance = _lengths(self._places(epoch_year, observer_au))
         # The same at all times; there it is not the difference of long ways.

@@ -54,7 +54,8 @@ def sections(written):
     """Return the arrays of the file, read by NumPy alone."""
     content = written[0].read_bytes()
     header = np.frombuffer(content, HEADER, 1)[0]
-    assert (header['magic'], header['byte_order'], header['layout']) == (b'STARRAYS', 0x01020304, 1)
+    assert header['magic'] == b'STARRAYS' and header['byte_order'] == 0x01020304
+    assert header['layout'] == 1
     assert header['bytes'] == len(content) and header['checksum'] == zlib.crc32(content[16:])
     arrays = {}
     for one in np.frombuffer(content, SECTION, header['sections'], HEADER.itemsize):
