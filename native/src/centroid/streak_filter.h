@@ -15,8 +15,6 @@
 
 namespace st {
 
-constexpr int LEAST_FILTERED_PX = 4;  // a side: no row or column of the half is mirrored in itself
-
 /// Replace an image less its background by the flux of a streak around each pixel, 0 where that is
 /// less than so many times its noise; return this noise. Rows of which the noise is measured are
 /// filtered as a whole. The arena needs streak_filter_bytes().

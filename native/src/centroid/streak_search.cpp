@@ -317,7 +317,7 @@ int search_streaks(const Frame &frame, const Streak &streak, double sigma_px,
         arena.take<float>(static_cast<size_t>(width) * static_cast<size_t>(height)), width,
         height};
     auto *peaks = arena.take<FluxPeak>(MOST_STREAK_PEAKS);
-    if (peaks == nullptr || width < LEAST_FILTERED_PX || height < LEAST_FILTERED_PX) {
+    if (peaks == nullptr) {
         return 0;
     }
     above_background(frame, flux, arena);
