@@ -163,6 +163,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_size': (_STATUS, (_POINTER,) * 4),
     'st_create': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
     'st_reset': (_STATUS, (_POINTER,)),
+    'st_change_options': (_STATUS, (_POINTER,) * 3),
     'st_extract': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _STAMP, _FLAG,
                              _POINTER)),
     'st_centroids': (_POINTER, (_POINTER, _POINTER)),
