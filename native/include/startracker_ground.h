@@ -5,8 +5,8 @@
  * Tools on the ground: single images, and candidates for their stars, for photographs, data sheets,
  * methods of papers and tests. A flight program needs startracker.h alone.
  *
- * Each call for an image uses the memory of a tracker with the stage ST_EXTRACTS, and its options, but nothing of
- * what the tracker knows of images before, which stays. The lists of what was found are those of
+ * Each call for an image uses the memory of a tracker with the stage ST_EXTRACTS, and its options,
+ * but nothing of what the tracker knows of images before, which stays. The lists of what was found are those of
  * st_centroids() and st_rejections(). Images are of the size of the camera, their cell is 1.
  */
 
