@@ -46,7 +46,7 @@ extern "C" {
 #endif
 
 /* Raised with every change of a struct, an enumeration or a function. */
-#define ST_VERSION 1
+#define ST_VERSION 2
 
 #define ST_REASON_FIGURES 6
 #define ST_MOST_BODIES 16

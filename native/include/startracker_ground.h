@@ -112,9 +112,11 @@ typedef struct {
     double false_alarm_probability; /* 1: rejected */
 } st_verification;
 
-/* The brightest usable centroids, each once: index (count) of them, and their direction (count, 3)
- * and sigma_rad (count). count is a capacity, then how many there are. */
-ST_API st_status st_usable_stars(st_tracker *tracker, const st_centroid *centroids, size_t given,
+/* The first usable centroids in an order (given), each star once: index (count) of them, their
+ * direction (count, 3) and sigma_rad (count) with that floor. count is a capacity, then how many
+ * there are. */
+ST_API st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,
+                                 const int32_t *order, size_t given, double sigma_floor_px,
                                  int32_t *index, double *direction, double *sigma_rad,
                                  size_t *count);
 

@@ -14,6 +14,8 @@ using namespace st;
 namespace {
 
 constexpr int QUAD = 4;
+constexpr size_t MOST_GIVEN = 100000000;
+static_assert(sizeof(Vector3) == 3 * sizeof(double), "directions are given as (count, 3)");
 
 bool are_given(const st_pairs &pairs) {
     return pairs.pairs == 0 || (pairs.star != nullptr && pairs.direction != nullptr &&
@@ -141,30 +143,28 @@ st_status st_create_for(void *memory, size_t bytes, const st_config *config,
     return make_tracker(memory, bytes, *config, *camera, &setup, tracker);
 }
 
-st_status st_usable_stars(st_tracker *tracker, const st_centroid *centroids, size_t given,
+st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,
+                          const int32_t *order, size_t given, double sigma_floor_px,
                           int32_t *index, double *direction, double *sigma_rad, size_t *count) {
-    if (tracker == nullptr || count == nullptr || (centroids == nullptr && given > 0) ||
+    if (camera == nullptr || count == nullptr ||
+        (given > 0 && (centroids == nullptr || order == nullptr)) ||
         (*count > 0 && (index == nullptr || direction == nullptr || sigma_rad == nullptr))) {
         return ST_NULL_POINTER;
     }
-    if (!has_stage(*tracker, ST_IDENTIFIES)) {
-        return ST_NO_STAGE;
+    const st_status status = st_check_camera(camera, nullptr);
+    if (status != ST_OK) {
+        return status;
     }
-    const IdentificationStage &stage = tracker->identification;
-    if (given > static_cast<size_t>(stage.most_centroids()) ||
-        *count > static_cast<size_t>(stage.most_stars())) {
+    if (given > MOST_GIVEN || *count > MOST_GIVEN) {
         return ST_TOO_MANY;
     }
-    const Arena::Scope scope(tracker->work);
-    ImageStars stars = image_stars(static_cast<int>(*count), tracker->work);
-    usable_stars(stage.lens(), centroids, static_cast<int>(given), static_cast<int>(*count),
-                 tracker->config.identification.sigma_floor_px, stars, tracker->work);
-    for (int i = 0; i < stars.count; ++i) {
-        index[i] = stars.index[i];
-        sigma_rad[i] = stars.sigma[i];
-        std::copy(stars.direction[i].element, stars.direction[i].element + 3,
-                  direction + ptrdiff_t{3} * i);
+    const auto centroid_count = static_cast<int32_t>(given);
+    if (!are_numbers(order, given, centroid_count) || !(sigma_floor_px >= 0)) {
+        return ST_BAD_INPUT;
     }
+    ImageStars stars{0, index, reinterpret_cast<Vector3 *>(direction), nullptr, sigma_rad, 0.0};
+    usable_stars(lens_of(*camera), centroids, order, centroid_count, static_cast<int>(*count),
+                 sigma_floor_px, stars);
     *count = static_cast<size_t>(stars.count);
     return ST_OK;
 }
@@ -223,8 +223,8 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
         residual_rad[i] = NAN;
     }
     if (result.false_alarm < 1) {
-        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image, result.found, residual_rad,
-                             tracker->work);
+        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
+                                              result.found, residual_rad, tracker->work);
         set_fit(best, residual_rad, image.count, 1 / pixels, verification->attitude);
     }
     return ST_OK;

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 LIBRARY = Path(__file__).with_name('libstartracker.so')
-VERSION = 1
+VERSION = 2
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 6, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
@@ -182,7 +182,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_identified_stars': (_POINTER, (_POINTER, _POINTER)),
     'st_size_for': (_STATUS, (_POINTER,) * 4),
     'st_create_for': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
-    'st_usable_stars': (_STATUS, (_POINTER, _POINTER, _COUNT, *(_POINTER,) * 4)),
+    'st_usable_stars': (_STATUS, ((_POINTER,) * 3 + (_COUNT, _NUMBER) + (_POINTER,) * 4)),
     'st_support': (_STATUS, (*(_POINTER,) * 4, _COUNT, _POINTER)),
     'st_verify': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, *(_POINTER,) * 4)),
     'st_verify_quads': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, _NUMBER, _POINTER,

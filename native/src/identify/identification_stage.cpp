@@ -78,8 +78,8 @@ void IdentificationStage::begin(int64_t stamp_ns, const st_centroid *centroids, 
                                 Arena &work) {
     stamp_ns_ = stamp_ns;
     centroids_ = count;
-    usable_stars(lens_, centroids, count, options_.max_image_stars, options_.sigma_floor_px,
-                 search_.stars(), work);
+    brightest_stars(lens_, centroids, count, options_.max_image_stars, options_.sigma_floor_px,
+                    search_.stars(), work);
     search_.begin(options_.most_work_s);
     searching_ = true;
 }

@@ -38,19 +38,8 @@ ImageStars image_stars(int most, Arena &arena) {
             0.0};
 }
 
-void usable_stars(const Lens &lens, const st_centroid *centroids, int count, int max_stars,
-                  double sigma_floor_px, ImageStars &stars, Arena &work) {
-    const Arena::Scope scope(work);
-    auto *order = work.take<int32_t>(static_cast<size_t>(count));
-    auto *room = work.take<int32_t>(static_cast<size_t>(count));
-    for (int i = 0; i < count; ++i) {
-        order[i] = i;
-    }
-    // Stars of an unknown flux last.
-    sort(order, count, room, [&](int32_t a, int32_t b) {
-        const double flux_a = centroids[a].flux_dn, flux_b = centroids[b].flux_dn;
-        return flux_a > flux_b || (std::isnan(flux_b) && !std::isnan(flux_a));
-    });
+void usable_stars(const Lens &lens, const st_centroid *centroids, const int32_t *order, int count,
+                  int max_stars, double sigma_floor_px, ImageStars &stars) {
     stars.count = 0;
     for (int k = 0; k < count && stars.count < max_stars; ++k) {
         const st_centroid &one = centroids[order[k]];
@@ -71,6 +60,22 @@ void usable_stars(const Lens &lens, const st_centroid *centroids, int count, int
         stars.sigma[row] = std::sqrt(
             (one.sigma_px * one.sigma_px + sigma_floor_px * sigma_floor_px) / (lens.fx * lens.fy));
     }
+}
+
+void brightest_stars(const Lens &lens, const st_centroid *centroids, int count, int max_stars,
+                     double sigma_floor_px, ImageStars &stars, Arena &work) {
+    const Arena::Scope scope(work);
+    auto *order = work.take<int32_t>(static_cast<size_t>(count));
+    auto *room = work.take<int32_t>(static_cast<size_t>(count));
+    for (int i = 0; i < count; ++i) {
+        order[i] = i;
+    }
+    // Stars of an unknown flux last.
+    sort(order, count, room, [&](int32_t a, int32_t b) {
+        const double flux_a = centroids[a].flux_dn, flux_b = centroids[b].flux_dn;
+        return flux_a > flux_b || (std::isnan(flux_b) && !std::isnan(flux_a));
+    });
+    usable_stars(lens, centroids, order, count, max_stars, sigma_floor_px, stars);
     complete(lens.equidistant, stars, work);
 }
 

@@ -26,10 +26,15 @@ struct ImageStars {
 /// Return room for so many stars in an arena, which usable_stars() fills.
 ImageStars image_stars(int most, Arena &arena);
 
-/// Use the brightest usable centroids, each star once; max_stars at most. Their errors include a
-/// floor, for those of the camera model.
-void usable_stars(const Lens &lens, const st_centroid *centroids, int count, int max_stars,
-                  double sigma_floor_px, ImageStars &stars, Arena &work);
+/// Use the first usable centroids in an order, each star once; max_stars at most. Their errors
+/// include a floor, for those of the camera model. Undistorted coordinates and the median are not
+/// set yet.
+void usable_stars(const Lens &lens, const st_centroid *centroids, const int32_t *order, int count,
+                  int max_stars, double sigma_floor_px, ImageStars &stars);
+
+/// The same of the brightest ones, complete.
+void brightest_stars(const Lens &lens, const st_centroid *centroids, int count, int max_stars,
+                     double sigma_floor_px, ImageStars &stars, Arena &work);
 
 /// Set undistorted coordinates and the median error of stars with directions and errors.
 void complete(bool equidistant, ImageStars &stars, Arena &work);

@@ -27,6 +27,23 @@ constexpr double STOP_PERIOD_NS = 3e5;
 
 }  // namespace
 
+/// Of the N = C(n, 3) triangles K = C(m, 3) are of true stars alone if m stars are true. When a
+/// share t of all was looked up, the field is not found with a probability of (1 - t q)^K.
+bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
+                 double tested, double false_alarm_max) {
+    const double n = count, r = verifier.tolerance_sigmas * median_sigma;
+    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOREST], 1);
+    const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
+    const double m = least_matches(count, p, 1.0 / POOREST, 3, verifier.tolerance_sigmas, tested,
+                                   false_alarm_max);
+    if (m > n) {
+        return true;
+    }
+    const double share = looked_up / (n * (n - 1) * (n - 2) / 6);
+    return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
+           std::log(MISSED);
+}
+
 StarSearch::StarSearch(int most_stars, const Patterns &sky, Arena &arena)
     : stars_(image_stars(most_stars, arena)),
       order_(most_stars, arena),
@@ -112,7 +129,9 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
     if (level_ == 0 && looked_up_ == bright.triangles) {
         return false;
     }
-    if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 && is_searched(verifier, false_alarm_max)) {
+    if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 &&
+        is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_, tested_,
+                    false_alarm_max)) {
         return false;
     }
     int32_t base[3];
@@ -123,24 +142,6 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
     }
     triangle_.begin(verifier, stars_, base, latest_[level_]);
     return true;
-}
-
-/// Whether more triangles of the n image stars are of no use.
-///
-/// Of the N = C(n, 3) triangles K = C(m, 3) are of true stars alone if m stars are true. When a
-/// share t of all was looked up, the field is not found with a probability of (1 - t q)^K.
-bool StarSearch::is_searched(const Verifier &verifier, double false_alarm_max) const {
-    const double n = order_.count(), r = verifier.tolerance_sigmas * stars_.median_sigma;
-    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOREST], 1);
-    const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
-    const double m = least_matches(order_.count(), p, 1.0 / POOREST, 3, verifier.tolerance_sigmas,
-                                   tested_, false_alarm_max);
-    if (m > n) {
-        return true;
-    }
-    const double share = looked_up_ / (n * (n - 1) * (n - 2) / 6);
-    return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
-           std::log(MISSED);
 }
 
 /// Verify the candidates of a triangle: two accepted ones of different attitudes are ambiguous.

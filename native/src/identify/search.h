@@ -28,6 +28,11 @@ enum class Outcome { SEARCHING, IDENTIFIED, TOO_FEW, AMBIGUOUS, EXHAUSTED, MOST_
 
 constexpr int LEAST_STARS = 4;
 
+/// Whether more triangles of count image stars, of this median error, are of no use after so many
+/// that were looked up, and so many tested candidates.
+bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
+                 double tested, double false_alarm_max);
+
 /// A search among the stars of one frame, and its memory.
 class StarSearch {
 public:
@@ -58,7 +63,6 @@ private:
     bool next_triangle(const Verifier &verifier, const BrightLevel &bright,
                        double false_alarm_max);
     Outcome verify_all(const Verifier &verifier, double false_alarm_max, Arena &work);
-    bool is_searched(const Verifier &verifier, double false_alarm_max) const;
     const Pairs &pairs(const Verifier &verifier) const {
         return level_ == 0 ? verifier.sky.bright_pairs : verifier.sky.pairs;
     }

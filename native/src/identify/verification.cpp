@@ -41,23 +41,6 @@ double solid_angle(const Lens &lens) {
     return sum;
 }
 
-/// Return how many stars are in the field about an attitude.
-int count_in_image(const Verifier &verifier, const Association &found) {
-    const Field &field = verifier.field;
-    const Matrix3 &R = found.R;
-    const double low_a = field.low_a / found.focal_ratio,
-                 high_a = field.high_a / found.focal_ratio;
-    const double low_b = field.low_b / found.focal_ratio,
-                 high_b = field.high_b / found.focal_ratio;
-    int stars = 0;
-    visit_near(verifier.sky.cells, {{R[0][2], R[1][2], R[2][2]}}, field.chord, [&](int32_t star) {
-        const Point at = seen_at(verifier.equidistant, R, verifier.sky.direction[star]);
-        // NaN is in no range.
-        stars += low_a <= at.x && at.x <= high_a && low_b <= at.y && at.y <= high_b;
-    });
-    return stars;
-}
-
 }  // namespace
 
 Field field_of(const Lens &lens) {
@@ -93,6 +76,22 @@ void count_fields(Verifier &verifier) {
         verifier.counts[i] = count;
     }
     std::sort(verifier.counts, verifier.counts + FIELD_SAMPLES);
+}
+
+int count_in_image(const Verifier &verifier, const Association &found) {
+    const Field &field = verifier.field;
+    const Matrix3 &R = found.R;
+    const double low_a = field.low_a / found.focal_ratio,
+                 high_a = field.high_a / found.focal_ratio;
+    const double low_b = field.low_b / found.focal_ratio,
+                 high_b = field.high_b / found.focal_ratio;
+    int stars = 0;
+    visit_near(verifier.sky.cells, {{R[0][2], R[1][2], R[2][2]}}, field.chord, [&](int32_t star) {
+        const Point at = seen_at(verifier.equidistant, R, verifier.sky.direction[star]);
+        // NaN is in no range.
+        stars += low_a <= at.x && at.x <= high_a && low_b <= at.y && at.y <= high_b;
+    });
+    return stars;
 }
 
 Verification verification(int most, Arena &arena) {

@@ -46,6 +46,9 @@ struct Verifier {
 /// Set the numbers of stars in fields about random directions.
 void count_fields(Verifier &verifier);
 
+/// Return how many stars are in the field about an attitude.
+int count_in_image(const Verifier &verifier, const Association &found);
+
 /// The result: 1 is a rejected candidate.
 struct Verification {
     double false_alarm;

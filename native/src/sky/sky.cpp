@@ -216,7 +216,7 @@ bool pairs_are_sound(const Pairs &pairs, int32_t stars, const PairNames &names, 
 
 void set_steps(Pairs &pairs) {
     if (pairs.pairs > 0) {
-        // As KVector of core/identify/kvector.py, to the bit.
+        // As steps_below() of core/identify/pairs.py, to the bit.
         const double first = pairs.separation_rad[0];
         const double last = pairs.separation_rad[pairs.pairs - 1];
         pairs.first_rad = first;

@@ -68,6 +68,7 @@ class Found(NamedTuple):
     focal_ratio: float
     work_s: float
     stars: int
+    tested: int
     hip: np.ndarray | None = None
     magnitude: np.ndarray | None = None
     residual_px: np.ndarray | None = None
@@ -92,7 +93,6 @@ class StarMatcher:
         config['stages'] = _IDENTIFIES
         for name, value in options.items():
             config['identification'][name] = value
-        self._most = int(config['identification']['max_image_stars'])
         # The library reads the arrays in place.
         self._arrays: list[np.ndarray] = []
         patterns = self._patterns(onboard, rules, pairs, bright_pairs, bright)
@@ -176,8 +176,9 @@ class StarMatcher:
         return used
 
     def _found(self, count: int, used: int, rows: np.ndarray | None) -> Found:
-        attitude, ratio, false_alarm, work_s, status, stars, _, _, reason = self._result.item()
-        plain = Found(STATUSES[status], tuple(reason[2]), false_alarm, ratio, work_s, stars)
+        _, ratio, false_alarm, work_s, status, stars, _, tested, reason = self._result.item()
+        plain = Found(STATUSES[status], tuple(reason[2]), false_alarm, ratio, work_s, stars,
+                      tested)
         if plain.status != 'identified':
             return plain
         identified = self._identified[:used]
@@ -188,20 +189,6 @@ class StarMatcher:
         return plain._replace(
             hip=hip, magnitude=magnitude, residual_px=residual_px,
             attitude=_estimate(self._result['attitude'], residual_rad[residual_rad >= 0]))
-
-    def usable(self, centroids: Centroids, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return rows (N,), directions (N, 3) and errors (N,) rad of st_usable_stars()."""
-        rows = np.argsort(-centroids.flux, kind='stable')[:MOST_CENTROIDS]
-        index, direction, sigma_rad = (
-            np.empty(most, np.int32), np.empty((most, 3)), np.empty(most))
-        with self._uses:
-            used = self._set(centroids, rows)
-            self._count.value = most
-            native.check(self._library.st_usable_stars(
-                self._handle, self._table.ctypes.data, used, index.ctypes.data,
-                direction.ctypes.data, sigma_rad.ctypes.data, ctypes.byref(self._count)))
-            count = self._count.value
-        return rows[index[:count]], direction[:count], sigma_rad[:count]
 
     def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
                 candidates: np.ndarray) -> np.ndarray:
@@ -257,6 +244,27 @@ class StarMatcher:
         kept = tuple(np.ascontiguousarray(array, float) for array in (direction, sigma_rad))
         self._stars[()] = (*(array.ctypes.data for array in kept), len(sigma_rad), 0)
         return kept
+
+
+def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_floor_px: float
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the brightest usable centroids, each star once.
+
+    Their rows (N,), directions (N, 3) and errors (N,) in rad.
+    """
+    order = np.argsort(-centroids.flux, kind='stable').astype(np.int32)
+    table = np.zeros((len(order), native.CENTROID.itemsize // 8))
+    table[:, :2], table[:, 4] = centroids.uv, centroids.sigma_px
+    index, direction, sigma_rad = (
+        np.empty(max_stars, np.int32), np.empty((max_stars, 3)), np.empty(max_stars))
+    count = ctypes.c_size_t(max_stars)
+    native.check(native.library().st_usable_stars(
+        native_camera(camera).ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
+        sigma_floor_px, index.ctypes.data, direction.ctypes.data, sigma_rad.ctypes.data,
+        ctypes.byref(count)))
+    chosen = slice(count.value)
+    return index[chosen].astype(int), direction[chosen], sigma_rad[chosen]
 
 
 def native_camera(camera: Camera) -> np.ndarray:
