@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "identify/false_alarm.h"
 #include "identify/lens_mismatch.h"
@@ -75,7 +76,8 @@ double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int
     const Arena::Scope scope(tracker->work);
     const Verifier &verifier = tracker->identification.verifier();
     const Pairs &pairs = verifier.sky.pairs;
-    auto *latest = new int32_t[static_cast<size_t>(pairs.stars)];
+    auto *latest = static_cast<int32_t *>(
+        std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
     std::fill(latest, latest + pairs.stars, -1);
     TriangleSearch search;
     search.begin(verifier, stars_of(*stars, *tracker), base, latest);
@@ -86,7 +88,7 @@ double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int
     for (int row = 0; row < *count; ++row) {
         std::copy(search.candidate(row), search.candidate(row) + 3, best + ptrdiff_t{3} * row);
     }
-    delete[] latest;
+    std::free(latest);
     return tested;
 }
 
@@ -96,8 +98,8 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
     const Verifier &verifier = tracker->identification.verifier();
     const ImageStars image = stars_of(*stars, *tracker);
     const size_t bytes = TriangleOrder::bytes(image.count);
-    auto *memory = new std::byte[bytes + ALIGNMENT];
-    Arena arena(memory + ALIGNMENT - reinterpret_cast<uintptr_t>(memory) % ALIGNMENT, bytes);
+    void *memory = std::aligned_alloc(ALIGNMENT, bytes);
+    Arena arena(memory, bytes);
     TriangleOrder order(image.count, arena);
     order.begin(image.count);
     int32_t count = 0;
@@ -105,7 +107,7 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
                                       verifier.scale_error, triangle + ptrdiff_t{3} * count) > 0) {
         ++count;
     }
-    delete[] memory;
+    std::free(memory);
     return count;
 }
 

@@ -62,7 +62,7 @@ IdentificationStage::IdentificationStage(const st_identification_options &option
 }
 
 size_t IdentificationStage::bytes(const IdentificationSetup &setup) {
-    return setup.sky.pairs.pairs > 0 ? StarSearch::bytes(setup.most_stars, setup.sky) : 0;
+    return setup.sky.pairs.star != nullptr ? StarSearch::bytes(setup.most_stars, setup.sky) : 0;
 }
 
 size_t IdentificationStage::work_bytes(const IdentificationSetup &setup) {

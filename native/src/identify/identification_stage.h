@@ -44,7 +44,7 @@ public:
     void reset() { searching_ = false; }
 
     bool is_searching() const { return searching_; }
-    bool has_pairs() const { return verifier_.sky.pairs.pairs > 0; }
+    bool has_pairs() const { return verifier_.sky.pairs.star != nullptr; }
     int most_centroids() const { return most_centroids_; }
     int most_stars() const { return most_stars_; }
     const Verifier &verifier() const { return verifier_; }
