@@ -20,6 +20,9 @@ constexpr double PREDICTION_COST_NS = 60.0, VERIFICATION_COST_NS = 500.0;
 // larger error, or less support than a chance one. Looked at after so many triangles.
 constexpr double MISSED = 0.02, FINDS = 0.5;
 constexpr int LOOK_PERIOD = 16;
+// A list of many spots has more true stars than could be accepted at least: this share of it, or so
+// many. Else a list without a sky would be searched for the few stars that it may have.
+constexpr double TRUE_SHARE = 0.25, MOST_TRUE = 16.0;
 // The field is taken to have so few stars as one of ten has: these are the easiest to accept.
 constexpr int POOREST = 10;
 // After so much work it is seen whether the caller has stopped the search.
@@ -34,11 +37,12 @@ bool is_searched(const Verifier &verifier, double median_sigma, int count, doubl
     const double n = count, r = verifier.tolerance_sigmas * median_sigma;
     const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOREST], 1);
     const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
-    const double m = least_matches(count, p, 1.0 / POOREST, 3, verifier.tolerance_sigmas, tested,
-                                   false_alarm_max);
-    if (m > n) {
+    const double least = least_matches(count, p, 1.0 / POOREST, 3, verifier.tolerance_sigmas,
+                                       tested, false_alarm_max);
+    if (least > n) {
         return true;
     }
+    const double m = std::fmax(least, std::fmin(n * TRUE_SHARE, MOST_TRUE));
     const double share = looked_up / (n * (n - 1) * (n - 2) / 6);
     return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
            std::log(MISSED);

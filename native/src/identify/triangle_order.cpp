@@ -121,7 +121,7 @@ double TriangleOrder::best(int most, double join_size, int32_t base[3]) const {
                 if (n_ik == 0 || n_jk == 0) {
                     continue;
                 }
-                const double longest = std::fmax(std::fmax(n_ij, n_ik), n_jk);
+                const double longest = std::max(std::max(n_ij, n_ik), n_jk);
                 const double shorter = n_ij + n_ik + n_jk - longest;
                 const double join = 4.0 * n_ij * n_ik * n_jk / longest / join_size;
                 const double cost =

@@ -93,17 +93,11 @@ bool TriangleSearch::proceed(const Verifier &verifier, const Pairs &pairs, Work 
                 entry_ = ac_.first;
             }
         } else {
-            while (entry_ < ac_.end && steps_ < COUNTED_STEPS) {
-                ++steps_;
-                const int64_t ac = entry_++;
-                const int32_t a = pairs.member[ac], latest = latest_[a];
-                if (ab_.first <= latest && latest < ab_.end &&
-                    join(verifier, pairs, a, pairs.member[ac ^ 1], ac, tested)) {
-                    phase_ = DONE;
-                    break;
-                }
+            if (join(verifier, pairs, tested)) {
+                phase_ = DONE;
+                break;
             }
-            if (phase_ != DONE && entry_ == ac_.end) {
+            if (entry_ == ac_.end) {
                 phase_ = NEXT_BAND;
             }
         }
@@ -120,34 +114,55 @@ bool TriangleSearch::proceed(const Verifier &verifier, const Pairs &pairs, Work 
     return true;
 }
 
-/// Look up the pairs ab of star a that fit a pair ac; whether one of them is decisive.
-bool TriangleSearch::join(const Verifier &verifier, const Pairs &pairs, int32_t a, int32_t c,
-                          int64_t ac, double &tested) {
-    const double *A = pairs.direction[a], *C = pairs.direction[c];
-    for (int64_t ab = latest_[a]; ab >= ab_.first; ab = pairs.previous[ab]) {
-        ++steps_;
-        const int32_t b = pairs.member[ab ^ 1];
-        const double *B = pairs.direction[b];
-        const double dx = B[0] - C[0], dy = B[1] - C[1], dz = B[2] - C[2];
-        const double chord2 = dx * dx + dy * dy + dz * dz;
-        if (!(low2_ <= chord2 && chord2 <= high2_) ||
-            !sides_fit(pairs.separation_rad[ab >> 1], pairs.separation_rad[ac >> 1],
-                       2 * std::asin(std::sqrt(chord2) / 2)) ||
-            !(triangle_.flat || volume_of(A, B, C) * triangle_.volume > 0)) {
+/// Join pairs ac with the pairs ab of the same star a, until steps are to be counted; whether a
+/// candidate is decisive.
+bool TriangleSearch::join(const Verifier &verifier, const Pairs &pairs, double &tested) {
+    const int32_t *member = pairs.member, *previous = pairs.previous, *latest = latest_;
+    const double(*direction)[3] = pairs.direction;
+    const auto first = static_cast<int32_t>(ab_.first), end = static_cast<int32_t>(ab_.end);
+    const double low2 = low2_, high2 = high2_;
+    int64_t ac = entry_, steps = steps_;
+    bool decisive = false;
+    for (; ac < ac_.end && steps < COUNTED_STEPS && !decisive; ++ac) {
+        ++steps;
+        const int32_t a = member[ac];
+        int32_t ab = latest[a];
+        if (ab < first || ab >= end) {
             continue;
         }
-        ++tested;
-        steps_ += SUPPORT_STEPS;
-        const double enough = std::fmax(support_[MOST_VERIFIED - 1], support_[0] / LEAST_SHARE);
-        const int32_t stars[3] = {pairs.star[a], pairs.star[b], pairs.star[c]};
-        const double found =
-            support(verifier.sky, supporters_, stars[0], stars[1], stars[2], enough);
-        keep(stars[0], stars[1], stars[2], found);
-        if (found >= DECISIVE) {
-            return true;
+        const int32_t c = member[ac ^ 1];
+        const double *C = direction[c];
+        const double x = C[0], y = C[1], z = C[2];
+        for (; ab >= first; ab = previous[ab]) {
+            ++steps;
+            const int32_t b = member[ab ^ 1];
+            const double *B = direction[b];
+            const double dx = B[0] - x, dy = B[1] - y, dz = B[2] - z;
+            const double chord2 = dx * dx + dy * dy + dz * dz;
+            if (low2 <= chord2 && chord2 <= high2 &&
+                sides_fit(pairs.separation_rad[ab >> 1], pairs.separation_rad[ac >> 1],
+                          2 * std::asin(std::sqrt(chord2) / 2)) &&
+                (triangle_.flat || volume_of(direction[a], B, C) * triangle_.volume > 0)) {
+                ++tested;
+                steps += SUPPORT_STEPS;
+                if (weigh(verifier, pairs.star[a], pairs.star[b], pairs.star[c])) {
+                    decisive = true;
+                    break;
+                }
+            }
         }
     }
-    return false;
+    entry_ = ac;
+    steps_ = steps;
+    return decisive;
+}
+
+/// Look up the support of a candidate; whether it is decisive.
+bool TriangleSearch::weigh(const Verifier &verifier, int32_t a, int32_t b, int32_t c) {
+    const double enough = std::max(support_[MOST_VERIFIED - 1], support_[0] / LEAST_SHARE);
+    const double found = support(verifier.sky, supporters_, a, b, c, enough);
+    keep(a, b, c, found);
+    return found >= DECISIVE;
 }
 
 /// Whether three separations fit with one common scale.

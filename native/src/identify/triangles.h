@@ -75,8 +75,8 @@ private:
     enum Phase { NEXT_BAND, LISTING, JOINING, DONE };
 
     void begin_band(const Verifier &verifier, const Pairs &pairs);
-    bool join(const Verifier &verifier, const Pairs &pairs, int32_t a, int32_t c, int64_t ac,
-              double &tested);
+    bool join(const Verifier &verifier, const Pairs &pairs, double &tested);
+    bool weigh(const Verifier &verifier, int32_t a, int32_t b, int32_t c);
     bool sides_fit(double d_ab, double d_ac, double d_bc) const;
     void keep(int32_t a, int32_t b, int32_t c, double support);
 

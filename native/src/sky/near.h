@@ -20,18 +20,21 @@ struct CellRange {
     int32_t first, last;
 };
 
-/// Return the cells, along one axis, within a chord of a coordinate.
+/// Return the cells, along one axis, within a chord of a coordinate; the first one for NaN.
 inline CellRange cells_about(const Cells &cells, double coordinate, double chord) {
-    const double half = cells.cells / 2.0, reach = chord + CELL_ROUNDING;
-    const double low = (coordinate - reach + 1) * half, high = (coordinate + reach + 1) * half;
-    const double last = cells.cells - 1;
-    return {static_cast<int32_t>(std::fmin(std::fmax(low, 0.0), last)),
-            static_cast<int32_t>(std::fmin(std::fmax(high, 0.0), last))};
+    // Comparisons: fmin() and fmax() are calls.
+    const auto cell = [&cells](double at) {
+        const double number = (at + 1) * (cells.cells / 2.0), last = cells.cells - 1;
+        return static_cast<int32_t>(number > 0 ? (number < last ? number : last) : 0.0);
+    };
+    const double reach = chord + CELL_ROUNDING;
+    return {cell(coordinate - reach), cell(coordinate + reach)};
 }
 
-/// Call visit(star) for the stars of all cells within a chord of a unit vector.
-template <class Visit>
-void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit visit) {
+/// Call found(star) for the stars of all cells within a chord of a unit vector, until it is true;
+/// return whether it was.
+template <class Found>
+inline bool any_near(const Cells &cells, const Vector3 &centre, double chord, Found found) {
     const CellRange x = cells_about(cells, centre[0], chord);
     const CellRange y = cells_about(cells, centre[1], chord);
     const CellRange z = cells_about(cells, centre[2], chord);
@@ -41,10 +44,32 @@ void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit v
             const int32_t row = (i * cells.cells + j) * cells.cells;
             const int32_t end = cells.start[row + z.last + 1];
             for (int32_t m = cells.start[row + z.first]; m < end; ++m) {
-                visit(cells.member[m]);
+                if (found(cells.member[m])) {
+                    return true;
+                }
             }
         }
     }
+    return false;
+}
+
+/// Call visit(star) for the stars of all cells within a chord of a unit vector.
+template <class Visit>
+inline void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit visit) {
+    any_near(cells, centre, chord, [&visit](int32_t star) {
+        visit(star);
+        return false;
+    });
+}
+
+/// Whether one of these directions is within a chord of a unit vector.
+inline bool has_near(const Cells &cells, const double (*direction)[3], const Vector3 &centre,
+                     double chord) {
+    return any_near(cells, centre, chord, [&](int32_t star) {
+        const double *d = direction[star];
+        const double dx = d[0] - centre[0], dy = d[1] - centre[1], dz = d[2] - centre[2];
+        return dx * dx + dy * dy + dz * dz <= chord * chord;
+    });
 }
 
 /// The star nearest to a direction, -1 for none, and its squared chord, then infinite.
