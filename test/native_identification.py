@@ -44,7 +44,8 @@ class Kind(NamedTuple):
 
 KINDS = {
     'clean': Kind(), '30 false': Kind(30), '100 false': Kind(100), 'missing': Kind(0, 0.3),
-    'false and missing': Kind(60, 0.3), 'no sky': Kind(30, 0.0, 0), 'mirrored': Kind(mirrored=True),
+    'false and missing': Kind(60, 0.3), 'no sky': Kind(30, 0.0, 0),
+    'mirrored': Kind(mirrored=True),
     '5 stars': Kind(brightest=5), '6 stars and 4 false': Kind(4, brightest=6)}
 
 

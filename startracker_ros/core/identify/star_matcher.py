@@ -206,7 +206,7 @@ class StarMatcher:
     def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
                star: Sequence[int], tested: float
                ) -> tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]:
-        """Return false alarm, focal ratio, stars, residuals (N,) px and attitude of st_verify()."""
+        """Return false alarm, focal ratio, stars, residuals (N,) px, attitude of st_verify()."""
         given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
         count = len(sigma_rad)
         matched, residual_px, residual_rad = (
