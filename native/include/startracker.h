@@ -46,7 +46,7 @@ extern "C" {
 #endif
 
 /* Raised with every change of a struct, an enumeration or a function. */
-#define ST_VERSION 1
+#define ST_VERSION 2
 
 #define ST_REASON_FIGURES 6
 #define ST_MOST_BODIES 16
@@ -333,6 +333,7 @@ typedef struct {
 
 typedef struct {
     double magnitude, residual_px; /* NaN where not identified */
+    double residual_rad;           /* angle to the star by the attitude */
     int32_t hip;                   /* catalogue number, 0 where not identified */
     int32_t reserved;
 } st_identified; /* one for each centroid, in their order */
@@ -420,13 +421,15 @@ typedef enum {
     ST_TOO_FEW_STARS,
     ST_NO_CANDIDATE,
     ST_AMBIGUOUS,
-    ST_TIME_LIMIT
+    ST_TIME_LIMIT,
+    ST_SEARCHING /* not finished: st_identify_on() continues */
 } st_identification_status;
 
 typedef struct {
     st_attitude attitude;
     double focal_ratio;             /* fitted focal length over that of the camera */
     double false_alarm_probability; /* of the best candidate */
+    double work_s;                  /* expected time of the search so far, as most_work_s */
     int32_t status;                 /* st_identification_status */
     int32_t stars;
     int32_t body_centroids; /* that are planets, Moon or Sun */
@@ -522,12 +525,13 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
  * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
 ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
-/* ---- trackers: so far only of the stage ST_EXTRACTS, others are ST_NO_STAGE ------------------ */
+/* ---- trackers: so far of the stages ST_EXTRACTS and ST_IDENTIFIES, others are ST_NO_STAGE ----- */
 
 /* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
-/* Bytes of memory that st_create needs. sky may be null for trackers that only extract. */
+/* Bytes of memory that st_create needs. sky may be null for trackers that only extract; else it is
+ * one that st_check_sky() has found sound. */
 ST_API st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                          size_t *bytes);
 
@@ -554,6 +558,22 @@ ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_imag
 /* Lists of the last call, in the memory of the tracker, until the next call for it. */
 ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
 ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
+
+/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. The search
+ * does most_work_s of work at most, and slice_s of it in this call (infinity: all); it is then
+ * ST_SEARCHING, and st_identify_on() continues it, with the same result as in one call. A thread of
+ * the caller may set *stop, not zero, to end it; null: nothing stops it. No content of a list is
+ * wrong use: centroids that cannot be used are left out. */
+ST_API st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
+                             size_t count, double slice_s, const volatile uint32_t *stop,
+                             st_identification *identification);
+
+/* Continue a search by another slice; ST_BAD_INPUT where none is waiting. */
+ST_API st_status st_identify_on(st_tracker *tracker, double slice_s, const volatile uint32_t *stop,
+                                st_identification *identification);
+
+/* One for each centroid, in their order, of the last call; empty without an attitude. */
+ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
 
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
@@ -583,7 +603,6 @@ ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
 ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
 
 /* Lists of the last call, as st_centroids. */
-ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
 ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
 ST_API const st_prediction *st_predictions(const st_tracker *tracker, size_t *count);
 
@@ -592,11 +611,6 @@ ST_API const st_prediction *st_predictions(const st_tracker *tracker, size_t *co
 /* 1 where the next frame needs an identification: not while tracking unless a check is due. */
 ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,
                                         st_state state, int32_t windowed);
-
-/* Another thread may set *stop to end the search; null: it runs to its end or most_work_s. */
-ST_API st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
-                             size_t count, const volatile uint32_t *stop,
-                             st_identification *identification);
 
 ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
                           size_t count, const double *exposure_s, st_tracking *tracking);

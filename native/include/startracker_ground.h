@@ -2,11 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Tools on the ground: single images, for photographs, data sheets and tests. A flight program needs
- * startracker.h alone.
+ * Tools on the ground: single images, and candidates for their stars, for photographs, data sheets,
+ * methods of papers and tests. A flight program needs startracker.h alone.
  *
- * Each call uses the memory of a tracker with the stage ST_EXTRACTS, and its options, but nothing of
- * what the tracker knows of images before, which stays. The lists of what was found are those of
+ * Each call for an image uses the memory of a tracker with the stage ST_EXTRACTS, and its options,
+ * but nothing of what the tracker knows of images before, which stays. The lists of what was found are those of
  * st_centroids() and st_rejections(). Images are of the size of the camera, their cell is 1.
  */
 
@@ -63,6 +63,81 @@ ST_API st_status st_measure_widths(st_tracker *tracker, const st_image *image,
 /* Where the image saturates, infinity where nothing in it does. */
 ST_API st_status st_full_scale(st_tracker *tracker, const st_image *image, double background_dn,
                                double *full_scale_dn);
+
+/* ---- identification by arrays -------------------------------------------------------------- */
+
+/* Pairs of stars by separation, as sections pair_* of a sky file. No array is copied or checked. */
+typedef struct {
+    const int32_t *star;
+    const double *direction, *separation_rad;
+    const int32_t *below, *member, *previous;
+    int32_t stars, pairs;
+} st_pairs;
+
+/* Pattern stars, brightest first, and their cells, as in a sky file; no pairs where only candidates
+ * are verified. Of the brightest pairs so many image stars and triangles are looked up first. */
+typedef struct {
+    const int32_t *hip;
+    const double *direction, *magnitude;
+    const uint8_t *blended;
+    const int32_t *start, *member;
+    st_pairs bright, pairs;
+    double scale_error; /* of the focal length, a share, in place of fov_error_percent */
+    int32_t stars, cells;
+    int32_t bright_image_stars, bright_triangles;
+    int32_t most_centroids;
+    int32_t bases_by_brightness; /* 1: how candidates were chosen, which is then no evidence */
+    int32_t lens_unknown;        /* 1: near misses are expected, as the lens is fitted later */
+    int32_t reserved;
+} st_patterns;
+
+/* As st_size() and st_create(), for a tracker of the stage ST_IDENTIFIES alone. */
+ST_API st_status st_size_for(const st_config *config, const st_camera *camera,
+                             const st_patterns *patterns, size_t *bytes);
+ST_API st_status st_create_for(void *memory, size_t bytes, const st_config *config,
+                               const st_camera *camera, const st_patterns *patterns,
+                               st_tracker **tracker, st_fault *fault);
+
+/* Unit vectors (count, 3) of image stars, brightest first, with errors per axis in rad; count is
+ * max_image_stars at most. */
+typedef struct {
+    const double *direction, *sigma_rad;
+    int32_t count;
+    int32_t reserved;
+} st_image_stars;
+
+typedef struct {
+    st_attitude attitude;
+    double focal_ratio;
+    double false_alarm_probability; /* 1: rejected */
+} st_verification;
+
+/* The first usable centroids in an order (given), each star once: index (count) of them, their
+ * direction (count, 3) and sigma_rad (count) with that floor. count is a capacity, then how many
+ * there are. */
+ST_API st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,
+                                 const int32_t *order, size_t given, double sigma_floor_px,
+                                 int32_t *index, double *direction, double *sigma_rad,
+                                 size_t *count);
+
+/* How much other image stars support that three of them, base (3), are the pattern stars of each
+ * candidate (count, 3). */
+ST_API st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int32_t *base,
+                            const int32_t *candidates, size_t count, double *support);
+
+/* Verify that image stars base (based) are pattern stars of these numbers, after so many tested
+ * candidates; star, residual_px and residual_rad (count) are of each image star, -1 or NaN. */
+ST_API st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int32_t *base,
+                           const int32_t *pattern, size_t based, double tested,
+                           st_verification *verification, int32_t *star, double *residual_px,
+                           double *residual_rad);
+
+/* The most probable of candidates: image stars base (count, 4) may be the pattern stars (count, 4).
+ * Those with less support of others are not verified. best is -1 where all are rejected. */
+ST_API st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars,
+                                 const int32_t *base, const int32_t *pattern, size_t count,
+                                 double least_support, double tested, int32_t *best,
+                                 double *false_alarm_probability);
 
 #ifdef __cplusplus
 }

@@ -61,6 +61,9 @@ st_status check(const st_tracker *tracker, const st_image *image) {
     if (tracker == nullptr || image == nullptr || image->pixels == nullptr) {
         return ST_NULL_POINTER;
     }
+    if (!has_stage(*tracker, ST_EXTRACTS)) {
+        return ST_NO_STAGE;
+    }
     return image->cell == 1 && is_of_camera(*tracker, *image) ? ST_OK : ST_BAD_IMAGE;
 }
 
@@ -94,6 +97,9 @@ extern "C" {
 st_status st_searched_size(const st_tracker *tracker, size_t *bytes) {
     if (tracker == nullptr || bytes == nullptr) {
         return ST_NULL_POINTER;
+    }
+    if (!has_stage(*tracker, ST_EXTRACTS)) {
+        return ST_NO_STAGE;
     }
     *bytes = SearchedBlock::bytes(tracker->width, tracker->height);
     return ST_OK;

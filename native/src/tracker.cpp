@@ -5,6 +5,7 @@
 
 #include "tracker.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <new>
@@ -18,6 +19,8 @@ namespace {
 
 constexpr int64_t MOST_PIXELS = int64_t{1} << 27;
 constexpr int DERIVED_PREDICTIONS = 1000;
+// Between pixels of a camera and those that the stars of a sky file are resolved by.
+constexpr double OTHER_PIXELS = 1.25;
 
 int most_centroids(const st_config &config) {
     const st_extraction_options &options = config.extraction;
@@ -27,39 +30,72 @@ int most_centroids(const st_config &config) {
                                            : most + options.max_stars;
 }
 
-/// What a tracker needs: itself, what stays between calls, and work memory.
+/// What stays between calls, and work memory.
 struct Bytes {
     size_t kept, work;
 };
 
-Bytes bytes_of(const st_config &config, int width, int height) {
-    const ExtractionLimits limits = limits_of(config, width, height);
-    const auto predictions = static_cast<size_t>(most_predictions(config));
-    const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
-    return {Arena::padded<st_tracker>(1) + stage_bytes(config, width, height) +
-                Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
-                Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected)),
-            Arena::padded<std::byte>(work_bytes(width, height, limits)) +
-                8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels)};
+Bytes bytes_of(const st_config &config, int width, int height,
+               const IdentificationSetup *identifies) {
+    Bytes bytes{Arena::padded<st_tracker>(1), 0};
+    if ((config.stages & ST_EXTRACTS) != 0) {
+        const ExtractionLimits limits = limits_of(config, width, height);
+        const auto predictions = static_cast<size_t>(most_predictions(config));
+        const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+        bytes.kept += stage_bytes(config, width, height) +
+                      Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
+                      Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));
+        bytes.work = Arena::padded<std::byte>(work_bytes(width, height, limits)) +
+                     8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels);
+    }
+    if (identifies != nullptr) {
+        const auto centroids = static_cast<size_t>(identifies->most_centroids);
+        bytes.kept +=
+            IdentificationStage::bytes(*identifies) + Arena::padded<st_identified>(centroids);
+        bytes.work = std::max(bytes.work, IdentificationStage::work_bytes(*identifies));
+    }
+    return bytes;
 }
 
-/// Whether a tracker of these options and camera is possible.
-st_status check(const st_config *config, const st_camera *camera, st_fault *fault) {
-    st_status status = st_check_config(config, fault);
-    if (status == ST_OK) {
-        status = st_check_camera(camera, fault);
+/// The patterns that a tracker identifies stars by: those of the sky file, if it has the stage.
+struct SkySetup {
+    st_status status;
+    bool identifies;
+    IdentificationSetup setup;
+
+    const IdentificationSetup *get() const { return identifies ? &setup : nullptr; }
+};
+
+SkySetup sky_setup(const st_config &config, const st_camera &camera, const st_sky *sky,
+                   st_fault *fault) {
+    SkySetup made{ST_OK, (config.stages & ST_IDENTIFIES) != 0, {}};
+    if (!made.identifies) {
+        return made;
     }
-    if (status != ST_OK) {
-        return status;
+    if (sky == nullptr || sky->file == nullptr) {
+        made.status = ST_NULL_POINTER;
+        return made;
     }
-    const double pixels = static_cast<double>(camera->width_px) * camera->height_px;
-    if (pixels > static_cast<double>(MOST_PIXELS)) {
+    if (reinterpret_cast<uintptr_t>(sky->file) % ALIGNMENT != 0) {
+        made.status = ST_MISALIGNED;
+        return made;
+    }
+    SkyFile file;
+    if (!open_sky(*sky, file, fault)) {
+        made.status = ST_BAD_SKY;
+        return made;
+    }
+    const double pixel_rad = 1 / std::sqrt(camera.fx_px * camera.fy_px);
+    const double least = file.pixel_rad / OTHER_PIXELS, most = file.pixel_rad * OTHER_PIXELS;
+    if (!(pixel_rad >= least && pixel_rad <= most)) {
         if (fault != nullptr) {
-            *fault = {"width_px height_px", pixels, 1.0, static_cast<double>(MOST_PIXELS)};
+            *fault = {"pixel_rad", pixel_rad, least, most};
         }
-        return ST_OUT_OF_RANGE;
+        made.status = ST_BAD_SKY;
+        return made;
     }
-    return config->stages == ST_EXTRACTS ? ST_OK : ST_NO_STAGE;
+    made.setup = setup_of(config, file, most_centroids(config));
+    return made;
 }
 
 /// Whether predictions are finite, stars first.
@@ -104,6 +140,63 @@ const T *listed(const List<T> &list, size_t *count) {
 }  // namespace
 
 namespace st {
+
+st_status check_tracker(const st_config *config, const st_camera *camera, st_fault *fault) {
+    st_status status = st_check_config(config, fault);
+    if (status == ST_OK) {
+        status = st_check_camera(camera, fault);
+    }
+    if (status != ST_OK) {
+        return status;
+    }
+    const double pixels = static_cast<double>(camera->width_px) * camera->height_px;
+    if (pixels > static_cast<double>(MOST_PIXELS)) {
+        if (fault != nullptr) {
+            *fault = {"width_px height_px", pixels, 1.0, static_cast<double>(MOST_PIXELS)};
+        }
+        return ST_OUT_OF_RANGE;
+    }
+    return (config->stages & ~(ST_EXTRACTS | ST_IDENTIFIES)) == 0 ? ST_OK : ST_NO_STAGE;
+}
+
+size_t tracker_bytes(const st_config &config, const st_camera &camera,
+                     const IdentificationSetup *identifies) {
+    const Bytes needed = bytes_of(config, camera.width_px, camera.height_px, identifies);
+    return needed.kept + needed.work;
+}
+
+st_status make_tracker(void *memory, size_t bytes, const st_config &config,
+                       const st_camera &camera, const IdentificationSetup *identifies,
+                       st_tracker **tracker) {
+    if (reinterpret_cast<uintptr_t>(memory) % ALIGNMENT != 0) {
+        return ST_MISALIGNED;
+    }
+    const int width = camera.width_px, height = camera.height_px;
+    const Bytes needed = bytes_of(config, width, height, identifies);
+    if (bytes < needed.kept + needed.work) {
+        return ST_TOO_LITTLE_MEMORY;
+    }
+    Arena kept(memory, needed.kept);
+    auto *made = new (kept.take<st_tracker>(1)) st_tracker{};
+    made->config = config;
+    made->width = width;
+    made->height = height;
+    if (has_stage(*made, ST_EXTRACTS)) {
+        made->extraction = ExtractionStage(config, width, height, kept);
+        made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(config)));
+        made->rejected =
+            kept.list<st_rejected>(static_cast<size_t>(limits_of(config, width, height).rejected));
+    }
+    if (identifies != nullptr) {
+        made->identification =
+            IdentificationStage(config.identification, camera, *identifies, kept);
+        made->identified =
+            kept.list<st_identified>(static_cast<size_t>(identifies->most_centroids));
+    }
+    made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
+    *tracker = made;
+    return ST_OK;
+}
 
 int most_predictions(const st_config &config) {
     return config.capacities.predictions > 0 ? config.capacities.predictions : DERIVED_PREDICTIONS;
@@ -178,48 +271,35 @@ void publish(st_tracker &tracker, const Extraction &found, double cell,
 
 extern "C" {
 
-st_status st_size(const st_config *config, const st_camera *camera, const st_sky *,
+st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                   size_t *bytes) {
     if (bytes == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check(config, camera, nullptr);
-    if (status == ST_OK) {
-        const Bytes needed = bytes_of(*config, camera->width_px, camera->height_px);
-        *bytes = needed.kept + needed.work;
-    }
-    return status;
-}
-
-st_status st_create(void *memory, size_t bytes, const st_config *config, const st_camera *camera,
-                    const st_sky *, st_tracker **tracker, st_fault *fault) {
-    if (memory == nullptr || tracker == nullptr) {
-        return ST_NULL_POINTER;
-    }
-    const st_status status = check(config, camera, fault);
+    const st_status status = check_tracker(config, camera, nullptr);
     if (status != ST_OK) {
         return status;
     }
-    if (reinterpret_cast<uintptr_t>(memory) % ALIGNMENT != 0) {
-        return ST_MISALIGNED;
+    const SkySetup setup = sky_setup(*config, *camera, sky, nullptr);
+    if (setup.status == ST_OK) {
+        *bytes = tracker_bytes(*config, *camera, setup.get());
     }
-    const int width = camera->width_px, height = camera->height_px;
-    const Bytes needed = bytes_of(*config, width, height);
-    if (bytes < needed.kept + needed.work) {
-        return ST_TOO_LITTLE_MEMORY;
+    return setup.status;
+}
+
+st_status st_create(void *memory, size_t bytes, const st_config *config, const st_camera *camera,
+                    const st_sky *sky, st_tracker **tracker, st_fault *fault) {
+    if (memory == nullptr || tracker == nullptr) {
+        return ST_NULL_POINTER;
     }
-    Arena kept(memory, needed.kept);
-    auto *made = new (kept.take<st_tracker>(1)) st_tracker{};
-    made->config = *config;
-    made->width = width;
-    made->height = height;
-    made->extraction = ExtractionStage(*config, width, height, kept);
-    made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(*config)));
-    made->rejected =
-        kept.list<st_rejected>(static_cast<size_t>(limits_of(*config, width, height).rejected));
-    made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
-    *tracker = made;
-    return ST_OK;
+    const st_status status = check_tracker(config, camera, fault);
+    if (status != ST_OK) {
+        return status;
+    }
+    const SkySetup setup = sky_setup(*config, *camera, sky, fault);
+    return setup.status == ST_OK
+               ? make_tracker(memory, bytes, *config, *camera, setup.get(), tracker)
+               : setup.status;
 }
 
 st_status st_reset(st_tracker *tracker) {
@@ -227,8 +307,10 @@ st_status st_reset(st_tracker *tracker) {
         return ST_NULL_POINTER;
     }
     tracker->extraction.reset();
+    tracker->identification.reset();
     tracker->centroids.clear();
     tracker->rejected.clear();
+    tracker->identified.clear();
     return ST_OK;
 }
 
@@ -254,6 +336,9 @@ st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *imag
     if (tracker == nullptr || image == nullptr || image->pixels == nullptr ||
         extraction == nullptr || (predictions == nullptr && count > 0)) {
         return ST_NULL_POINTER;
+    }
+    if (!has_stage(*tracker, ST_EXTRACTS)) {
+        return ST_NO_STAGE;
     }
     if (!is_of_camera(*tracker, *image)) {
         return ST_BAD_IMAGE;
@@ -281,6 +366,45 @@ const st_centroid *st_centroids(const st_tracker *tracker, size_t *count) {
 
 const st_rejected *st_rejections(const st_tracker *tracker, size_t *count) {
     return tracker == nullptr ? nullptr : listed(tracker->rejected, count);
+}
+
+st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
+                      size_t count, double slice_s, const volatile uint32_t *stop,
+                      st_identification *identification) {
+    if (tracker == nullptr || identification == nullptr || (centroids == nullptr && count > 0)) {
+        return ST_NULL_POINTER;
+    }
+    if (!has_stage(*tracker, ST_IDENTIFIES) || !tracker->identification.has_pairs()) {
+        return ST_NO_STAGE;
+    }
+    if (count > static_cast<size_t>(tracker->identification.most_centroids())) {
+        return ST_TOO_MANY;
+    }
+    if (stamp_ns < 0 || !(slice_s > 0)) {
+        return ST_BAD_INPUT;
+    }
+    tracker->identification.begin(stamp_ns, centroids, static_cast<int>(count), tracker->work);
+    return st_identify_on(tracker, slice_s, stop, identification);
+}
+
+st_status st_identify_on(st_tracker *tracker, double slice_s, const volatile uint32_t *stop,
+                         st_identification *identification) {
+    if (tracker == nullptr || identification == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (!has_stage(*tracker, ST_IDENTIFIES)) {
+        return ST_NO_STAGE;
+    }
+    if (!(slice_s > 0) || !tracker->identification.is_searching()) {
+        return ST_BAD_INPUT;
+    }
+    tracker->identification.proceed(slice_s, stop, *identification, tracker->identified,
+                                    tracker->work);
+    return ST_OK;
+}
+
+const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count) {
+    return tracker == nullptr ? nullptr : listed(tracker->identified, count);
 }
 
 }  // extern "C"

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "centroid/extraction_stage.h"
+#include "identify/identification_stage.h"
 #include "maths/arena.h"
 #include "startracker.h"
 
@@ -13,8 +14,10 @@ struct st_tracker {
     st_config config;
     int width, height;
     st::ExtractionStage extraction;
+    st::IdentificationStage identification;
     st::List<st_centroid> centroids;
     st::List<st_rejected> rejected;
+    st::List<st_identified> identified;
     st::Arena work;  // given back after each call
 };
 
@@ -22,6 +25,23 @@ namespace st {
 
 /// Most predictions that a tracker of these options takes.
 int most_predictions(const st_config &config);
+
+/// Whether a tracker has memory for a stage.
+inline bool has_stage(const st_tracker &tracker, int32_t stage) {
+    return (tracker.config.stages & stage) != 0;
+}
+
+/// Bytes of a tracker of checked options and camera; identifies is null without that stage.
+size_t tracker_bytes(const st_config &config, const st_camera &camera,
+                     const IdentificationSetup *identifies);
+
+/// Make one, as st_create().
+st_status make_tracker(void *memory, size_t bytes, const st_config &config,
+                       const st_camera &camera, const IdentificationSetup *identifies,
+                       st_tracker **tracker);
+
+/// Whether a tracker of these options and camera is possible.
+st_status check_tracker(const st_config *config, const st_camera *camera, st_fault *fault);
 
 /// Whether an image is one of the camera of a tracker.
 bool is_of_camera(const st_tracker &tracker, const st_image &image);

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 LIBRARY = Path(__file__).with_name('libstartracker.so')
-VERSION = 1
+VERSION = 2
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 6, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
@@ -90,7 +90,8 @@ REASON = _struct(**_numbers('code reserved', 'i4'), figure=('f8', _FIGURES))
 CENTROID = _struct(**_numbers(
     'u_px v_px flux_dn snr sigma_px cov_uu_px2 cov_uv_px2 cov_vv_px2 common_uu_px2 common_uv_px2 '
     'common_vv_px2 delay_s'))
-IDENTIFIED = _struct(**_numbers('magnitude residual_px'), **_numbers('hip reserved', 'i4'))
+IDENTIFIED = _struct(**_numbers('magnitude residual_px residual_rad'),
+                     **_numbers('hip reserved', 'i4'))
 STAR_TRACK = _struct(
     **_numbers('u_px v_px u_rate_px_s v_rate_px_s cov_uu_px2 cov_uv_px2 cov_vv_px2 magnitude '
                'flux_dn snr sigma_px residual_px distance_px association_probability'),
@@ -113,7 +114,7 @@ EXTRACTION = _struct(
     **_numbers('centroids centroids_left_out rejected rejected_listed', 'i4'),
     rejected_by_kind=('i4', _REJECTIONS), windowed='i4', reason=REASON)
 IDENTIFICATION = _struct(
-    attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'),
+    attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability work_s'),
     **_numbers('status stars body_centroids candidates', 'i4'), reason=REASON)
 TRACKING = _struct(
     attitude=ATTITUDE, frame_attitude=ATTITUDE, **_numbers('residual_px stamp_sigma_s'),
@@ -129,6 +130,15 @@ RESULT = _struct(
 STREAK = _struct(**_numbers('u_px v_px roll_rad at_u_px at_v_px'))
 SEARCH_OPTIONS = _struct(threshold_factor='f8', **_numbers(
     'most_stars points_only narrow reserved', 'i4'))
+PAIRS = _struct(**_numbers('star direction separation_rad below member previous', 'u8'),
+                **_numbers('stars pairs', 'i4'))
+PATTERNS = _struct(
+    **_numbers('hip direction magnitude blended start member', 'u8'), bright=PAIRS, pairs=PAIRS,
+    scale_error='f8',
+    **_numbers('stars cells bright_image_stars bright_triangles most_centroids '
+               'bases_by_brightness lens_unknown reserved', 'i4'))
+IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
+VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
 
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
@@ -168,6 +178,16 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
                              _POINTER)),
     'st_centroids': (_POINTER, (_POINTER, _POINTER)),
     'st_rejections': (_POINTER, (_POINTER, _POINTER)),
+    'st_identify': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _NUMBER, _POINTER, _POINTER)),
+    'st_identify_on': (_STATUS, (_POINTER, _NUMBER, _POINTER, _POINTER)),
+    'st_identified_stars': (_POINTER, (_POINTER, _POINTER)),
+    'st_size_for': (_STATUS, (_POINTER,) * 4),
+    'st_create_for': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
+    'st_usable_stars': (_STATUS, ((_POINTER,) * 3 + (_COUNT, _NUMBER) + (_POINTER,) * 4)),
+    'st_support': (_STATUS, (*(_POINTER,) * 4, _COUNT, _POINTER)),
+    'st_verify': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, *(_POINTER,) * 4)),
+    'st_verify_quads': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, _NUMBER, _POINTER,
+                                  _POINTER)),
     'st_searched_size': (_STATUS, (_POINTER, _POINTER)),
     'st_search': (_STATUS, (_POINTER,) * 8),
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),

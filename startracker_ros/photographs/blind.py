@@ -22,19 +22,16 @@ from itertools import islice, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.lens import plane_points
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import (
-    Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
-from startracker_ros.core.identify.support import support, supporters
-from startracker_ros.core.identify.verification import (
-    rejected, Verification, Verifier, VerifierData, verify)
+    Identification, IdentificationOptions, limit_for, per_centroid)
+from startracker_ros.core.identify.star_matcher import usable_stars
+from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, chip_ratio, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
@@ -234,9 +231,9 @@ def verified(field: Field, candidates: Candidates, tested: int, options: Identif
     known = (star >= 0).all(1)
     base, star = candidates.base[known], star[known]
     index, direction, sigma_rad = stars_seen(field.camera, centroids, options)
-    best, verification = best_of_quads(
-        field.verifier.data, direction, sigma_rad, base, star, tested)
-    if best < 0 or verification.false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
+    best, false_alarm = field.verifier.best_of_quads(
+        direction, sigma_rad, base, star, LEAST_SUPPORT, tested)
+    if best < 0 or false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
         return None
     match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
     hip, magnitude, residual_px = per_centroid(
@@ -252,32 +249,7 @@ def verified(field: Field, candidates: Candidates, tested: int, options: Identif
 def stars_seen(camera: Camera, centroids: Centroids, options: IdentificationOptions
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the usable centroids as usable_stars() does, of an ideal lens."""
-    return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
-                        centroids.sigma_px, options.max_image_stars, _FLOOR_PX)
-
-
-@compiled
-def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, base: np.ndarray,
-                  star: np.ndarray, tested: int) -> tuple[int, Verification]:
-    """
-    Return the row of the most probable candidate, -1 for none, and its verification.
-
-    Stars base (K, 4) of image (N, 3) are taken for the catalogue stars star (K, 4).
-    """
-    seen = plane_points(verifier.equidistant, image)
-    best, row = rejected(len(image)), -1
-    four, stars = np.empty(4, np.int64), np.empty(4, np.int64)
-    for k in range(len(base)):
-        for m in range(4):
-            four[m], stars[m] = base[k, m], star[k, m]
-        seen_by = supporters(verifier.sky, image, sigma, four[:3], verifier.tolerance_sigmas)
-        if support(verifier.sky, seen_by, stars[0], stars[1], stars[2],
-                   LEAST_SUPPORT) <= LEAST_SUPPORT:
-            continue
-        verification = verify(verifier, seen, sigma, four, stars, tested)
-        if verification.false_alarm < best.false_alarm:
-            best, row = verification, k
-    return row, best
+    return usable_stars(camera, centroids, options.max_image_stars, _FLOOR_PX)
 
 
 def in_list(attempt: Attempt, centroids: Centroids) -> Attempt:

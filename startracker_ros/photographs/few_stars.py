@@ -17,21 +17,22 @@ by chance: false_alarm.py.
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.lens import plane_points
-from startracker_ros.core.catalog.sky_grid import count_in_image
+from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.camera.lens import plane_points, rays, undistorted
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.sky_grid import count_in_image, SkyGrid
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.core.identify.association import align
-from startracker_ros.core.identify.clock import search_clock, time_is_up
-from startracker_ros.core.identify.false_alarm import (
-    few_star_probability, FEWEST, occupied_cells, order_probability)
-from startracker_ros.core.identify.identification import (
-    FieldStars, Identification, Identifier, usable_stars)
-from startracker_ros.core.identify.support import squared_chord, triple_product
-from startracker_ros.core.identify.verification import rejected, Verification, VerifierData
+from startracker_ros.core.identify.identification import FieldStars, Identification, Identifier
+from startracker_ros.core.identify.star_matcher import usable_stars
+from startracker_ros.core.identify.verification import Match
 from startracker_ros.core.maths.sorting import upper_median
+from startracker_ros.photographs.association import align
+from startracker_ros.photographs.chance import (
+    few_star_probability, FEWEST, occupied_cells, order_probability)
 from startracker_ros.photographs.sky_triangles import (
     cell_along, code_cell, FLATTEST, side_order, TriangleTable)
+from startracker_ros.photographs.support import squared_chord, triple_product
 
 MOST_SPOTS = 80
 # Cells along one side of the image, of whose matches one counts: two of six stars are soon so
@@ -45,6 +46,37 @@ _GATE = 0.7
 _LOOK_UP_NS, _VOTE_NS, _VERIFY_NS = 300.0, 400.0, 40_000.0
 
 
+class SpotField(NamedTuple):
+    """
+    What verifies a candidate: the sky, the tolerance in sigmas, the share of the focal length.
+
+    equidistant is of the lens; border holds those of the image in undistorted coordinates (low,
+    high, low, high) and the chord from its axis to the farthest corner; area is in rad^2.
+    """
+
+    sky: SkyGrid
+    tolerance_sigmas: float
+    scale_error: float
+    equidistant: bool
+    border: tuple[float, float, float, float, float]
+    area: float
+
+
+class Verification(NamedTuple):
+    """
+    A candidate that was verified; a false_alarm of one means that it is rejected.
+
+    star (N,) are the catalogue stars of the image stars, -1 for none; residual (N,) is in
+    undistorted coordinates; matrix (3, 3) turns sensor vectors to ICRF.
+    """
+
+    false_alarm: float
+    focal_ratio: float
+    star: np.ndarray
+    residual: np.ndarray
+    matrix: np.ndarray
+
+
 def few_stars(identifier: Identifier, table: TriangleTable, centroids: Centroids,
               sigma_floor_px: float, false_alarm_max: float, work_s: float
               ) -> tuple[Identification, float]:
@@ -54,19 +86,59 @@ def few_stars(identifier: Identifier, table: TriangleTable, centroids: Centroids
     Work is that of PyramidIdentifier.identify_within().
     """
     index, image, sigma = usable_stars(
-        identifier.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
-        identifier.options.max_image_stars, sigma_floor_px)
+        identifier.camera, centroids, identifier.options.max_image_stars, sigma_floor_px)
     in_time, found, work_ns = identify_few(
-        table, identifier.verifier.data, image, sigma, false_alarm_max, 1e9 * work_s)
+        table, spot_field(identifier), image, sigma, false_alarm_max, 1e9 * work_s)
     if found.false_alarm > false_alarm_max:
         status = 'no_candidate' if in_time else 'time_limit'
         return identifier.unidentified(centroids, status, f'{len(index)} spots, no few of them '
                                        'are stars', found.false_alarm), 1e-9 * work_ns
     return identifier.identified(
         centroids, FieldStars(index, image, sigma, centroids.flux[index]),
-        identifier.verifier.match(
-            found, plane_points(identifier.camera.model.equidistant, image), sigma)
-    ), 1e-9 * work_ns
+        _match(identifier, found, image, sigma)), 1e-9 * work_ns
+
+
+def spot_field(identifier: Identifier) -> SpotField:
+    """Return what verifies the candidates of an identifier."""
+    camera, options = identifier.camera, identifier.options
+    return SpotField(
+        identifier.onboard.grid, float(options.tolerance_sigmas), float(identifier.scale_error),
+        camera.model.equidistant,
+        # A field of view wider than nominal contains stars from a little beyond.
+        (*_borders(camera), float(2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2))),
+        image_area(camera))
+
+
+def image_area(camera: Camera) -> float:
+    """Return the area of an image in rad^2, at the scale of its middle."""
+    return camera.width * camera.height * camera.pixel_rad ** 2
+
+
+def _borders(camera: Camera) -> tuple[float, float, float, float]:
+    """
+    Return the least and largest undistorted coordinates a, then b, on the axes of the image.
+
+    They are those of the image circle where that is smaller.
+    """
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    middle_u, middle_v = (right - 0.5) / 2, (bottom - 0.5) / 2
+    edges = undistorted(camera.lens, np.array([[-0.5, middle_v], [right, middle_v],
+                                               [middle_u, -0.5], [middle_u, bottom]]))
+    border = edges[[0, 1, 2, 3], [0, 0, 1, 1]]
+    low_a, high_a, low_b, high_b = np.where(
+        np.isnan(border), camera.lens.farthest_rad * np.array([-1, 1, -1, 1]), border).tolist()
+    return low_a, high_a, low_b, high_b
+
+
+def _match(identifier: Identifier, found: Verification, image: np.ndarray, sigma: np.ndarray
+           ) -> Match:
+    """Return a verification of image stars (N, 3) with its attitude."""
+    equidistant, known = identifier.camera.model.equidistant, found.star >= 0
+    sensor = rays(equidistant, plane_points(equidistant, image[known]) / found.focal_ratio)
+    attitude = estimate_attitude(
+        sensor, identifier.onboard.direction[found.star[known]], sigma[known])
+    return Match(found.star, found.residual / identifier.camera.pixel_rad, attitude,
+                 found.focal_ratio, found.false_alarm)
 
 
 class _SpotMap(NamedTuple):
@@ -105,7 +177,7 @@ def _spot_at(spots: _SpotMap, a: float, b: float) -> int:
 
 
 @compiled
-def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray,
+def identify_few(table: TriangleTable, verifier: SpotField, image: np.ndarray,
                  sigma: np.ndarray, false_alarm_max: float, most_ns: float
                  ) -> tuple[bool, Verification, float]:
     """
@@ -116,7 +188,7 @@ def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray
     image (N, 3) are the image stars, brightest first, sigma (N,) their errors in rad.
     """
     seen = plane_points(verifier.equidistant, image)
-    best, clock = rejected(len(image)), search_clock(np.inf, most_ns, np.full(1, np.inf))
+    best, work_ns = _rejected(len(image)), 0.0
     count = min(len(image), MOST_SPOTS)
     if count < FEWEST:
         return True, best, 0.0
@@ -161,11 +233,18 @@ def identify_few(table: TriangleTable, verifier: VerifierData, image: np.ndarray
                                     if found.false_alarm < best.false_alarm:
                                         best = found
                                         if best.false_alarm <= false_alarm_max:
-                                            return True, best, clock.work_ns[1] + work
+                                            return True, best, work_ns + work
                             row += 1
-                if time_is_up(clock, work):
-                    return False, best, clock.work_ns[1]
-    return True, best, clock.work_ns[1]
+                work_ns += work
+                if work_ns > most_ns:
+                    return False, best, work_ns
+    return True, best, work_ns
+
+
+@compiled
+def _rejected(count: int) -> Verification:
+    """Return the verification of no candidate, for count image stars."""
+    return Verification(1.0, 1.0, np.full(count, -1), np.full(count, np.nan), np.eye(3))
 
 
 @compiled
@@ -206,7 +285,7 @@ def _fits(table: TriangleTable, row: int, longest: float, middle: float, shortes
 
 
 @compiled
-def _has_vote(table: TriangleTable, verifier: VerifierData, spots: _SpotMap, seen: np.ndarray,
+def _has_vote(table: TriangleTable, verifier: SpotField, spots: _SpotMap, seen: np.ndarray,
               image: np.ndarray, base: np.ndarray, star: np.ndarray, radius: float) -> bool:
     """Return whether a star about a triangle star (3,) meets a spot beside those of base (3,)."""
     direction = verifier.sky.direction
@@ -246,7 +325,7 @@ def _has_vote(table: TriangleTable, verifier: VerifierData, spots: _SpotMap, see
 
 
 @compiled
-def _verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray,
+def _verify(verifier: SpotField, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray,
             star: np.ndarray, radius: float) -> Verification:
     """Verify that image stars base (3,) are the catalogue stars star (3,)."""
     sky, equidistant, area = verifier.sky, verifier.equidistant, verifier.area
@@ -254,7 +333,7 @@ def _verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: n
         sky, equidistant, seen, sigma, base, star, radius, verifier.scale_error)
     if not agrees:
         return Verification(1.0, ratio, matched, residual, matrix)
-    low_a, high_a, low_b, high_b, chord = verifier.field
+    low_a, high_a, low_b, high_b, chord = verifier.border
     field = low_a / ratio, high_a / ratio, low_b / ratio, high_b / ratio
     size = high_a - low_a, high_b - low_b
     stars = count_in_image(sky, equidistant, matrix, chord, *field, len(sky.direction))

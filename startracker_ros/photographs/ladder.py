@@ -22,10 +22,11 @@ from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
-from startracker_ros.core.identify.pyramid import BrightLevel, PyramidIdentifier
+from startracker_ros.core.identify.pyramid import PyramidIdentifier
+from startracker_ros.core.identify.star_matcher import BrightLevel
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.detections import LISTS
-from startracker_ros.photographs.few_stars import few_stars
+from startracker_ros.photographs.few_stars import few_stars, image_area
 from startracker_ros.photographs.sky_triangles import sky_triangles, SkyTriangles
 
 
@@ -169,7 +170,7 @@ class LadderIdentifier:
         """Return the result of the search for few stars, and its work in s."""
         database = self._database(0.0)
         if self._triangles is None:
-            self._triangles = sky_triangles(database.onboard, database.verifier.data.area)
+            self._triangles = sky_triangles(database.onboard, image_area(self.camera))
         prepare(self._triangles.stored)
         found, spent_s = few_stars(database, self._triangles.table, centroids, _FEW_FLOOR_PX,
                                    self._few_max, _FEW_S)

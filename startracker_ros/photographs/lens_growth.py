@@ -12,7 +12,7 @@ chance. So the match spreads over the image as the lens becomes known.
 
 Were the four stars wrong, each of n other spots would be within r = 3 s of one of S stars of the
 image with p = S pi r^2 / A, A the area over which the spots are spread. m matches of n have the
-binomial tail P_1, their order of brightness P_3 of identify/false_alarm.py. The parameters
+binomial tail P_1, their order of brightness P_3 of chance.py. The parameters
 of the fit are worth six stars, which do not count. Both are combined as Fisher does.
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 from startracker_ros.core.attitude.triad import triad
 from startracker_ros.core.camera.lens import Lens, project, rays, shows, undistorted
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.identify.false_alarm import (
+from startracker_ros.photographs.chance import (
     binomial_tail, fisher_combined, order_probability)
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_quaternion, quaternion_from_matrix, sensor_directions)

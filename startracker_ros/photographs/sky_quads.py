@@ -26,7 +26,7 @@ from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.core.identify.support import squared_chord
+from startracker_ros.photographs.support import squared_chord
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
 
 _STEP = np.sqrt(2)

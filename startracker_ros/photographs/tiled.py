@@ -23,7 +23,7 @@ from startracker_ros.core.catalog.sky_grid import SkyGrid
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.identify.support import support_of_places, supporters
+from startracker_ros.photographs.support import support_of_places, supporters
 from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
 from startracker_ros.photographs.blind import (

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.false_alarm import few_star_probability
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, random_attitude)
-from startracker_ros.photographs.few_stars import few_stars
+from startracker_ros.photographs.chance import few_star_probability
+from startracker_ros.photographs.few_stars import few_stars, image_area
 from startracker_ros.photographs.ladder import LadderIdentifier, UncalibratedPyramid
 from startracker_ros.photographs.sky_triangles import sky_triangles
 
@@ -27,7 +27,7 @@ def identifier():
 
 @pytest.fixture(scope='module')
 def table(identifier):
-    return sky_triangles(identifier.onboard, identifier.verifier.data.area).table
+    return sky_triangles(identifier.onboard, image_area(identifier.camera)).table
 
 
 def spots(rng, uv):

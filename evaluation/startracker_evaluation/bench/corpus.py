@@ -55,7 +55,8 @@ class Cell:
     sigma_px is the centroid noise per axis, missing the share of undetected stars,
     false the number of false stars. sky is `any`; `none`: as many false stars as a real
     field has stars; `mirrored`: a real field left to right; `Pleiades`: around them.
-    focal_ratio is the true focal length over that of the solvers.
+    focal_ratio is the true focal length over that of the solvers, which know it to
+    fov_error_percent.
     """
 
     sigma_px: float = 0.3
@@ -63,6 +64,7 @@ class Cell:
     false: int = 0
     sky: str = 'any'
     focal_ratio: float = 1.0
+    fov_error_percent: float = 0.5
 
     @property
     def name(self) -> str:
@@ -75,7 +77,8 @@ _TRAPS = {
     'false-only': Cell(sky='none'),
     'mirrored': Cell(sky='mirrored'),
     # A wrong scale makes many chance matches in the corner with the cluster.
-    'pleiades-3-percent-off': Cell(sky='Pleiades', focal_ratio=1.03),
+    'pleiades-3-percent-off': Cell(sky='Pleiades', focal_ratio=1.03, fov_error_percent=5.0),
+    'field-5-percent-off': Cell(focal_ratio=1.05, fov_error_percent=5.0),
 }
 _PRODUCT = [Cell(*factors) for factors in product(
     (0.1, 0.3, 0.5, 1.0), (0.0, 0.05, 0.2), (0, 3, 10, 20))]

@@ -25,6 +25,10 @@ DATABASE = 'database'
 
 _PART_TRIALS = 250
 UNSOLVED, CORRECT, WRONG = range(3)
+# Of correct frames in the hardest cells, in percent; of the time of tetra3rs in clean ones.
+_LEAST_CORRECT = {('A12', ALL_CELLS['1px-20missing-10false']): 88,
+                  ('A12', ALL_CELLS['1px-20missing-20false']): 88}
+_CLEAN_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,8 @@ def solve_frames(view: View, cell: Cell, cedar: Cedar | None, trials: int, seed:
     """Run one solver after another on the same frames, so that all have the same load."""
     seen = frames(view, cell, WARM_UP + trials, seed)
     runs = {name: timed_attitudes(solver, seen)
-            for name, solver in _built_solvers(view, cell.focal_ratio).items()}
+            for name, solver in _built_solvers(
+                view, cell.focal_ratio, cell.fov_error_percent).items()}
     if cedar is not None:
         camera = view.camera.with_focal_ratio(1 / cell.focal_ratio)
         runs[CEDAR] = cedar.timed_attitudes(view, camera, seen)
@@ -65,11 +70,12 @@ def solve_frames(view: View, cell: Cell, cedar: Cedar | None, trials: int, seed:
 
 
 @lru_cache(maxsize=8)
-def _built_solvers(view: View, focal_ratio: float) -> dict[str, Solver]:
+def _built_solvers(view: View, focal_ratio: float, fov_error_percent: float
+                   ) -> dict[str, Solver]:
     """Return the solvers of a view, built once in each process."""
     built = solvers()
     for solver in built.values():
-        solver.build(view, view.camera.with_focal_ratio(1 / focal_ratio))
+        solver.build(view, view.camera.with_focal_ratio(1 / focal_ratio), fov_error_percent)
     return built
 
 
@@ -108,18 +114,23 @@ def bounds(view: View, cell: Cell, figures: Mapping[str, Mapping[str, float]]) -
     ours = figures['ours']
     peers = {name: own for name, own in figures.items() if name != 'ours'}
     checks = [('wrong = 0', ours['wrong_percent'] == 0)]
-    if cell.sky != 'any':
-        return checks
+    if cell.sky in ('none', 'mirrored'):
+        # A list that cannot be identified stalls what waits for it.
+        return [*checks, ('p99 <= 30', ours['p99_ms'] <= 30)]
+    if cell.focal_ratio != 1:
+        return [*checks, ('correct >= 99', ours['correct_percent'] >= 99),
+                ('median <= 1', ours['median_ms'] <= 1)]
     if peers:
         name, best = max(peers.items(), key=lambda peer: peer[1]['correct_percent'])
         checks.append((f'correct >= {best["correct_percent"]:.4g} ({name})',
                        ours['correct_percent'] >= best['correct_percent']))
-    if (view.name, cell) == ('A12', ALL_CELLS['1px-20missing-10false']):
-        checks.append(('correct >= 88', ours['correct_percent'] >= 88))
+    if (view.name, cell) in _LEAST_CORRECT:
+        least = _LEAST_CORRECT[view.name, cell]
+        checks.append((f'correct >= {least:g}', ours['correct_percent'] >= least))
     tuned = [peers[name]['median_ms'] for name in TUNED if name in peers]
     if tuned and not cell.missing and not cell.false:
-        checks.append((f'median <= {min(tuned):.3g} (tetra3rs tuned)',
-                       ours['median_ms'] <= min(tuned)))
+        checks.append((f'median <= {_CLEAN_SHARE * min(tuned):.3g} ({_CLEAN_SHARE:g} x tetra3rs '
+                       'tuned)', ours['median_ms'] <= _CLEAN_SHARE * min(tuned)))
     if cell.false == 10 and not cell.missing:
         checks.append(('p99 <= 5', ours['p99_ms'] <= 5))
     return checks

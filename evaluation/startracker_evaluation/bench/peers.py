@@ -52,8 +52,8 @@ class Solver(ABC):
     """Finds attitudes of one camera, whose focal length may be off."""
 
     @abstractmethod
-    def build(self, view: View, camera: Camera) -> None:
-        """Build the database of a view, to solve its frames as those of camera."""
+    def build(self, view: View, camera: Camera, fov_error_percent: float = 0.5) -> None:
+        """Build the database of a view, to solve its frames as those of camera, known so well."""
 
     @abstractmethod
     def store(self, folder: Path) -> None:
@@ -75,9 +75,10 @@ class Solver(ABC):
 class Ours(Solver):
     """The identifier of this package with its default options."""
 
-    def build(self, view: View, camera: Camera) -> None:
+    def build(self, view: View, camera: Camera, fov_error_percent: float = 0.5) -> None:
         self._identifier = make_identifier(
-            camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=view.magnitude_limit))
+            camera, EPOCH_YEAR, IdentificationOptions(
+                magnitude_limit=view.magnitude_limit, fov_error_percent=fov_error_percent))
 
     def store(self, folder: Path) -> None:
         """Do nothing: build() has stored the database in the cache."""
@@ -98,7 +99,7 @@ class Tetra3rs(Solver):
     def __init__(self, pattern_max_error: float | None = None) -> None:
         self._pattern_max_error = pattern_max_error
 
-    def build(self, view: View, camera: Camera) -> None:
+    def build(self, view: View, camera: Camera, fov_error_percent: float = 0.5) -> None:
         from tetra3rs import SolverDatabase
         tuned: dict[str, Any] = {} if self._pattern_max_error is None else {
             'star_max_magnitude': view.magnitude_limit + _MAGNITUDE_MARGIN,

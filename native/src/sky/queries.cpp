@@ -6,48 +6,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sky/near.h"
 #include "sky/sky.h"
 
 namespace st {
 namespace {
 
-// Beyond what sums of squares and cell numbers round.
-constexpr double ROUNDING = 1e-12;
-
-struct CellRange {
-    int32_t first, last;
-};
-
 /// Return a number as a whole one from 0 to most, 0 for NaN.
 int32_t clipped(double number, int32_t most) {
     // fmin() and fmax() would be calls.
     return !(number > 0) ? 0 : number < most ? static_cast<int32_t>(number) : most;
-}
-
-/// Return the cells, along one axis, within a chord of a coordinate.
-CellRange cells_about(const Cells &cells, double coordinate, double chord) {
-    const double half = cells.cells / 2.0, reach = chord + ROUNDING;
-    const int32_t last = cells.cells - 1;
-    return {clipped((coordinate - reach + 1) * half, last),
-            clipped((coordinate + reach + 1) * half, last)};
-}
-
-/// Call visit(star) for the stars of all cells within a chord of a unit vector.
-template <class Visit>
-void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit visit) {
-    const CellRange x = cells_about(cells, centre[0], chord);
-    const CellRange y = cells_about(cells, centre[1], chord);
-    const CellRange z = cells_about(cells, centre[2], chord);
-    for (int32_t i = x.first; i <= x.last; ++i) {
-        for (int32_t j = y.first; j <= y.last; ++j) {
-            // The cells of a row are consecutive, and so are their stars.
-            const int32_t row = (i * cells.cells + j) * cells.cells;
-            const int32_t end = cells.start[row + z.last + 1];
-            for (int32_t m = cells.start[row + z.first]; m < end; ++m) {
-                visit(cells.member[m]);
-            }
-        }
-    }
 }
 
 /// Return the step of the k-vector that a separation falls into, the first one for NaN.
@@ -101,18 +69,9 @@ int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad
 }
 
 int32_t nearest_star(const SkyFile &sky, const Vector3 &direction, double chord, double &square) {
-    int32_t best = -1;
-    square = INFINITY;
-    visit_near(sky.pattern_cells, direction, chord, [&](int32_t star) {
-        const double *d = sky.direction[star];
-        const double dx = d[0] - direction[0], dy = d[1] - direction[1], dz = d[2] - direction[2];
-        const double found = dx * dx + dy * dy + dz * dz;
-        if (found <= chord * chord && found < square) {
-            best = star;
-            square = found;
-        }
-    });
-    return best;
+    const Nearest found = nearest(sky.pattern_cells, sky.direction, direction, chord);
+    square = found.square;
+    return found.star;
 }
 
 PairRange pairs_between(const Pairs &pairs, double low_rad, double high_rad) {

@@ -120,12 +120,8 @@ void read_pairs(Reader &reader, const PairNames &names, double most_stars, Pairs
     reader.list(names.below, int64_t{pairs.pairs} + 1, pairs.below);
     reader.list(names.member, int64_t{2} * pairs.pairs, pairs.member);
     reader.list(names.previous, int64_t{2} * pairs.pairs, pairs.previous);
-    if (reader.is_sound() && pairs.pairs > 0) {
-        // As KVector of core/identify/kvector.py, to the bit.
-        const double first = pairs.separation_rad[0];
-        const double last = pairs.separation_rad[pairs.pairs - 1];
-        pairs.first_rad = first;
-        pairs.steps_per_rad = 1 / (last > first ? (last - first) / pairs.pairs : 1.0);
+    if (reader.is_sound()) {
+        set_steps(pairs);
     }
 }
 
@@ -217,6 +213,16 @@ bool pairs_are_sound(const Pairs &pairs, int32_t stars, const PairNames &names, 
 }
 
 }  // namespace
+
+void set_steps(Pairs &pairs) {
+    if (pairs.pairs > 0) {
+        // As steps_below() of core/identify/pairs.py, to the bit.
+        const double first = pairs.separation_rad[0];
+        const double last = pairs.separation_rad[pairs.pairs - 1];
+        pairs.first_rad = first;
+        pairs.steps_per_rad = 1 / (last > first ? (last - first) / pairs.pairs : 1.0);
+    }
+}
 
 bool open_sky(const st_sky &file, SkyFile &sky, st_fault *fault) {
     if (!header_is_sound(file, fault)) {

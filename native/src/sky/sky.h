@@ -33,6 +33,9 @@ struct Pairs {
     double first_rad, steps_per_rad;
 };
 
+/// Set the line of the k-vector, from the first separation to the last.
+void set_steps(Pairs &pairs);
+
 /// Stars brightest first; the first pattern_stars of them are those of patterns.
 struct SkyFile {
     double epoch_year, crowd_rad, pixel_rad;

@@ -11,10 +11,9 @@ from startracker_ros.core.camera.lens import plane_points, rays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.association import focal_ratio
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.integrity.systematic_errors import with_observer_error
-from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.core.maths.rotation import conjugate, rotate
 
 _ITERATIONS = 3
 """The focal ratio changes by 1e-4 at most, its effect on the attitude by 1e-8 of that."""
@@ -55,9 +54,14 @@ def _fitted(found: Identification, known: np.ndarray, sensor: np.ndarray, icrf: 
     for _ in range(_ITERATIONS):
         seen = rays(equidistant, plane / ratio)
         attitude = estimate_attitude(seen, icrf, sigma_rad)
-        fitted = focal_ratio(
-            equidistant, matrix_from_quaternion(attitude.quaternion), seen, icrf)
-        ratio = min(max(ratio * fitted, 1 - tolerance), 1 + tolerance)
+        predicted = plane_points(equidistant, rotate(conjugate(attitude.quaternion), icrf))
+        ratio = min(max(_scale(plane, predicted), 1 - tolerance), 1 + tolerance)
     residual_px = found.residual_px.copy()
     residual_px[known] = attitude.residual_rad / camera.pixel_rad
     return replace(found, focal_ratio=ratio, residual_px=residual_px, attitude=attitude)
+
+
+def _scale(seen: np.ndarray, predicted: np.ndarray) -> float:
+    """Return the least-squares scale of points (K, 2) about their mean; association.h says why."""
+    p, q = seen - seen.mean(0), predicted - predicted.mean(0)
+    return float(np.sum(p * q) / np.sum(q * q))

@@ -6,26 +6,24 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 import time
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.camera.lens import Lens, ray, shows, undistort
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.cache import cached_onboard
+from startracker_ros.core.identify.star_matcher import usable_stars
 from startracker_ros.core.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.registry import METHODS
 
-# Two centroids closer than this are one star that was found twice.
-_DUPLICATE_PX = 1.5
 # The 170 brightest stars, which a field of more than 70 deg needs all: they are uneven in the sky.
 _LEAST_LIMIT = 3.0
 
@@ -53,7 +51,8 @@ class IdentificationOptions(Options):
     false_alarm_max: float = option(
         1e-5, 'largest probability that an accepted result is chance', low=1e-30, high=0.1)
     time_limit_s: float = option(
-        1.0, 'longest processor time of a search, so that other load changes no result',
+        1.0, 'longest search in processor time, of pyramid that expected on a core of 3 GHz, so that '
+        'other load changes no result',
         unit='s', low=0.001, high=600.0)
 
 
@@ -175,11 +174,13 @@ class Identifier(ABC):
         # Proper motion of a year is far below the tolerances: one database for the whole year.
         self.onboard = cached_onboard(catalog, camera, round(epoch_year), self.magnitude_limit)
         self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
-        self.verifier = self._verifier(camera)
 
-    def _verifier(self, camera: Camera) -> Verifier:
-        return Verifier(camera, self.onboard, self.options.tolerance_sigmas, self.scale_error,
-                        bases_by_brightness=self.bases_by_brightness, lens_known=self.lens_known)
+    @cached_property
+    def verifier(self) -> Verifier:
+        """Return what verifies candidates."""
+        return Verifier(self.camera, self.onboard, self.options.tolerance_sigmas,
+                        self.scale_error, bases_by_brightness=self.bases_by_brightness,
+                        lens_known=self.lens_known)
 
     @abstractmethod
     def identify(self, centroids: Centroids) -> Identification:
@@ -201,8 +202,7 @@ class Identifier(ABC):
     def field_stars(self, centroids: Centroids) -> FieldStars:
         """Return the brightest usable centroids, each star once."""
         index, direction, sigma_rad = usable_stars(
-            self.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
-            self.options.max_image_stars, self.options.sigma_floor_px)
+            self.camera, centroids, self.options.max_image_stars, self.options.sigma_floor_px)
         return FieldStars(index, direction, sigma_rad, centroids.flux[index])
 
     def identified(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
@@ -290,44 +290,6 @@ class CandidateIdentifier(Identifier):
         return self.identified(centroids, field, best)
 
 
-@compiled
-def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray,
-                 max_stars: int, sigma_floor_px: float
-                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return the first usable centroids in an order, each star once.
-
-    Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
-    """
-    most = min(max_stars, len(order))
-    chosen, direction, sigma_rad = np.empty(most, np.int64), np.empty((most, 3)), np.empty(most)
-    count = 0
-    for i in order:
-        u, v = uv[i, 0], uv[i, 1]
-        # NaN is in no range.
-        usable = shows(lens, u, v) and 0 < sigma_px[i] < np.inf
-        for j in range(count if usable else 0):
-            du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
-            if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:
-                usable = False
-                break
-        if not usable:
-            continue
-        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-        # Outside the circle of a fisheye are no stars.
-        if np.isnan(a):
-            continue
-        x, y, z = ray(lens.equidistant, a, b)
-        direction[count, 0], direction[count, 1], direction[count, 2] = x, y, z
-        sigma_rad[count] = np.sqrt((sigma_px[i] ** 2 + sigma_floor_px ** 2) / (lens.fx * lens.fy))
-        chosen[count] = i
-        count += 1
-        if count == max_stars:
-            break
-    return chosen[:count], direction[:count].copy(), sigma_rad[:count].copy()
-
-
-@compiled
 def per_centroid(count: int, index: np.ndarray, star: np.ndarray, residual_px: np.ndarray,
                  hip: np.ndarray, magnitude: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -337,13 +299,11 @@ def per_centroid(count: int, index: np.ndarray, star: np.ndarray, residual_px: n
     index (N,) are the rows of the image stars, star (N,) their catalogue indices, -1 for none.
     """
     hips = np.zeros(count, np.int32)
-    magnitudes = np.full(count, np.nan)
-    residuals_px = np.full(count, np.nan)
-    for i in range(len(index)):
-        if star[i] >= 0:
-            hips[index[i]] = hip[star[i]]
-            magnitudes[index[i]] = magnitude[star[i]]
-            residuals_px[index[i]] = residual_px[i]
+    magnitudes, residuals_px = np.full((2, count), np.nan)
+    known = star >= 0
+    rows = index[known]
+    hips[rows], magnitudes[rows] = hip[star[known]], magnitude[star[known]]
+    residuals_px[rows] = residual_px[known]
     return hips, magnitudes, residuals_px
 
 

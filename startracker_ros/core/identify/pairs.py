@@ -4,13 +4,11 @@
 """All pairs of catalogue stars that fit into one image, sorted by separation."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.identify.kvector import KVector
 from startracker_ros.core.stored_arrays import StoredArrays
 
 # Memory and time to build bound the number of pairs: in wide fields by the faintest stars; in
@@ -28,7 +26,7 @@ class PairDatabase:
 
     star (S,) int32 are catalogue indices, direction (S, 3) unit vectors. Pair p has the
     separation (P,) float64 in rad, ascending, and the stars member[2 p], member[2 p + 1] (2 P,)
-    int32, indices into star. below (P + 1,) is that of KVectorTable; previous[e] (2 P,) the entry
+    int32, indices into star. below (P + 1,) is that of steps_below(); previous[e] (2 P,) the entry
     of member before e of the same star, -1 for none. stored is where the arrays are mapped from.
     """
 
@@ -50,11 +48,6 @@ class PairDatabase:
         """Return the second star (P,) of each pair."""
         return self.member[1::2]
 
-    @cached_property
-    def kvector(self) -> KVector:
-        """Return the range search over the separations."""
-        return KVector(self.separation, self.below)
-
     def among(self, count: int) -> 'PairDatabase':
         """Return the pairs of the count brightest stars alone."""
         chosen = (self.first < count) & (self.second < count)
@@ -63,7 +56,8 @@ class PairDatabase:
 
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
-        found = self.kvector.between(low_rad, high_rad)
+        found = slice(np.searchsorted(self.separation, low_rad),
+                      np.searchsorted(self.separation, high_rad, 'right'))
         first, second = self.first[found], self.second[found]
         return np.concatenate([first, second]), np.concatenate([second, first])
 
@@ -99,8 +93,23 @@ def _database(star: np.ndarray, direction: np.ndarray, separation: np.ndarray,
               pairs: np.ndarray) -> PairDatabase:
     """Return the database of stars (S,) and pairs (P, 2) of them by separation (P,)."""
     member = pairs.ravel()
-    return PairDatabase(star, direction, separation, KVector(separation).table.below, member,
+    return PairDatabase(star, direction, separation, steps_below(separation), member,
                         _previous_entries(member, len(star)))
+
+
+def steps_below(values: np.ndarray) -> np.ndarray:
+    """
+    Return the k-vector (N + 1,) of sorted values (N,) (Mortari and Neta 2000).
+
+    The line z(i), from the first value to the last in N steps, and the number below[i] of values
+    under z(i) (Yuan, Zhang, Shi 2017, section 2). native/src/sky/queries.cpp searches with it.
+    """
+    count = len(values)
+    start, last = values[[0, -1]] if count else (0.0, 0.0)
+    step = (last - start) / count if last > start else 1.0
+    below = np.searchsorted(values, start + step * np.arange(count + 1)).astype(np.int32)
+    below[-1] = count
+    return below
 
 
 @compiled

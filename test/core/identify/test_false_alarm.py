@@ -5,22 +5,32 @@
 
 from math import factorial
 
+from native_core import call, kernels
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from startracker_ros.core.catalog.sky_grid import sky_grid
-from startracker_ros.core.identify.false_alarm import binomial_tail, fisher_combined, least_matches
-from startracker_ros.core.identify.lens_mismatch import lens_mismatch
+from skies import SMALL_CAMERA as CAMERA
+from startracker_ros.core import native
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
+from startracker_ros.photographs import chance
 
 SIGMA = 1e-4
 RADIUS = 3.5 * SIGMA
 CHANCE = 1e-4
 
 
+@pytest.fixture(autouse=True)
+def library_for_tests(monkeypatch):
+    monkeypatch.setattr(native, 'library', kernels)
+
+
 @pytest.mark.parametrize('product', [1e-30, 1e-12, 1e-3, 0.2, 1.0])
 def test_four_probabilities_are_combined_as_fisher_does(product):
     """Minus twice the logarithm of n uniform numbers' product is chi-square with 2 n degrees."""
-    assert fisher_combined(product) == pytest.approx(chi2.sf(-2 * np.log(product), 8), rel=1e-9)
+    right = pytest.approx(chi2.sf(-2 * np.log(product), 8), rel=1e-9)
+    assert call('stt_fisher_combined', product) == right
+    assert chance.fisher_combined(product) == right
 
 
 @pytest.mark.parametrize('n', [1, 54, 1000])
@@ -28,7 +38,9 @@ def test_four_probabilities_are_combined_as_fisher_does(product):
 def test_matches_by_chance_have_the_binomial_tail(n, p):
     """That of a nearly certain match too, whose misses are less probable than any number."""
     for m in (0, 1, n // 3, n - 1, n):
-        assert binomial_tail(m, n, p) == pytest.approx(binom.sf(m - 1, n, p), rel=1e-9, abs=1e-290)
+        right = pytest.approx(binom.sf(m - 1, n, p), rel=1e-9, abs=1e-290)
+        assert call('stt_binomial_tail', m, n, p) == right
+        assert chance.binomial_tail(m, n, p) == right
 
 
 @pytest.mark.parametrize('n', [5, 12, 30])
@@ -41,10 +53,10 @@ def test_the_least_matches_are_those_of_the_definition(n, tested):
         product = (binom.sf(m - 4, n - 3, p) * share * min(residuals, 1) / factorial(m))
         return tested * chi2.sf(-2 * np.log(product), 8)
     accepted = [m for m in range(4, min(n, 6) + 1) if false_alarm(m) <= most]
-    least = least_matches(n, p, share, 3, 3.5, int(tested), most)
+    least = call('stt_least_matches', n, p, share, 3, 3.5, tested, most)
     assert accepted[0] == least if accepted else least > min(n, 6)
     # More noise, more candidates or fewer stars never need fewer matches.
-    assert least <= least_matches(n, 4 * p, share, 3, 3.5, 100 * int(tested), most)
+    assert least <= call('stt_least_matches', n, 4 * p, share, 3, 3.5, 100 * tested, most)
 
 
 def rejected(matches, misses, residual_sigmas, blended=False, false=0):
@@ -53,13 +65,16 @@ def rejected(matches, misses, residual_sigmas, blended=False, false=0):
     seen = np.stack([x.ravel(), y.ravel()], -1)[:matches + misses + false]
     direction = np.column_stack([seen, np.ones(len(seen))])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    sky = sky_grid(direction[:matches + misses])
+    known = matches + misses
+    sky = OnboardCatalog(np.arange(known, dtype=np.int32), direction[:known], np.full(known, 5.0),
+                         np.zeros(known, bool), np.full(known, blended))
     seen[matches:, 0] += 3 * RADIUS
     seen[matches + misses:, 0] += 100 * RADIUS
-    star, residual = np.full(len(seen), -1), np.full(len(seen), np.nan)
+    star, residual = np.full(len(seen), -1, np.int32), np.full(len(seen), np.nan)
     star[:matches], residual[:matches] = np.arange(matches), residual_sigmas * SIGMA
-    return lens_mismatch(sky, False, np.full(matches + misses, blended), np.eye(3), seen, 1.0,
-                         RADIUS, SIGMA, star, residual, matches - 3, CHANCE)
+    matcher = StarMatcher(CAMERA, sky, {}, Rules(0.005))
+    return call('stt_lens_mismatch', matcher._handle, seen, star, residual, len(seen), RADIUS,
+                SIGMA, matches - 3, CHANCE)
 
 
 @pytest.mark.slow

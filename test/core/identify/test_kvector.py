@@ -4,10 +4,10 @@
 """K-vector ranges against a sorted search."""
 
 from hypothesis import example, given, strategies as st
+from native_core import kernels
 import numpy as np
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.identify.kvector import KVector
-from startracker_ros.core.identify.pairs import build_pairs
+from startracker_ros.core.identify.pairs import build_pairs, steps_below
 
 # Few different values, so that repeats and hits on the ends are common; none finer than any
 # separation in rad can be.
@@ -25,8 +25,16 @@ def clustered(draw):
     return np.repeat(np.array(values, float), repeats)
 
 
+def between(values, below, low, high):
+    """Return the range of sorted values that the native core finds."""
+    found = np.empty(2, np.int32)
+    kernels().stt_range(values.ctypes.data, below.ctypes.data, len(values), low, high,
+                        found.ctypes.data)
+    return slice(*found.tolist())
+
+
 def assert_right(values, low, high):
-    found = KVector(values).between(low, high)
+    found = between(values, steps_below(values), low, high)
     begin, end = np.searchsorted(values, low, 'left'), np.searchsorted(values, high, 'right')
     if begin < end:
         assert (found.start, found.stop) == (begin, end)
@@ -60,9 +68,9 @@ def test_ranges_that_end_on_values_or_just_beside_them(values, data):
 def test_many_values():
     rng = np.random.default_rng(1)
     values = np.sort(rng.uniform(0, 0.3, 200_000) ** 2)
-    kvector = KVector(values)
+    below = steps_below(values)
     for low, high in np.sort(rng.uniform(-0.01, 0.1, (200, 2)), axis=1):
-        found = kvector.between(low, high)
+        found = between(values, below, low, high)
         assert found.start == np.searchsorted(values, low, 'left')
         assert found.stop == np.searchsorted(values, high, 'right')
 

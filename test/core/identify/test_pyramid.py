@@ -5,13 +5,15 @@
 
 from math import comb
 
+from native_core import kernels
 import numpy as np
 import pytest
 from skies import onboard_stars, SMALL_CAMERA as CAMERA
+from startracker_ros.core import native
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
-from startracker_ros.core.identify.pyramid import _is_searched
+from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
 from startracker_ros.core.maths.rotation import random_attitude
 
 EPOCH_YEAR = 2026.5
@@ -23,24 +25,31 @@ def identifier():
                            IdentificationOptions(magnitude_limit=6.0, time_limit_s=600.0))
 
 
-def ends_after(identifier, count, tested=1000, most=1e-5, sigma_px=0.3):
+@pytest.fixture(scope='module')
+def matcher(identifier):
+    """Return the matcher of an identifier in the library for tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(native, 'library', kernels)
+        return StarMatcher(CAMERA, identifier.onboard, {}, Rules(identifier.scale_error))
+
+
+def ends_after(matcher, count, tested=1000, most=1e-5, sigma_px=0.3):
     """Return the number of triangles of count stars after which the search ends."""
-    sigma = np.full(count, sigma_px * CAMERA.pixel_rad)
-    return next(number for number in range(comb(count, 3) + 1) if _is_searched(
-        identifier.verifier.data, sigma, count, number, tested, most))
+    return next(number for number in range(comb(count, 3) + 1) if kernels().stt_is_searched(
+        matcher._handle, sigma_px * CAMERA.pixel_rad, count, number, tested, most))
 
 
-def test_a_search_ends_when_an_acceptable_field_would_have_been_found(identifier):
+def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):
     # Five of 15 stars have 10 of 455 triangles: half of all leaves (1 - 1/4)^10.
-    ends = {count: ends_after(identifier, count) / comb(count, 3) for count in (8, 15, 30)}
+    ends = {count: ends_after(matcher, count) / comb(count, 3) for count in (8, 15, 30)}
     assert all(0.05 < share < 0.8 for share in ends.values())
     # More is needed where fewer stars can be accepted, as with less noise or fewer candidates.
-    assert ends_after(identifier, 15, sigma_px=0.05) > ends_after(identifier, 15, sigma_px=1.0)
-    assert ends_after(identifier, 15, tested=10) > ends_after(identifier, 15, tested=10 ** 6)
+    assert ends_after(matcher, 15, sigma_px=0.05) > ends_after(matcher, 15, sigma_px=1.0)
+    assert ends_after(matcher, 15, tested=10) > ends_after(matcher, 15, tested=10 ** 6)
 
 
-def test_without_an_acceptable_field_it_ends_at_once(identifier):
-    assert ends_after(identifier, 5, most=1e-30) == 0
+def test_without_an_acceptable_field_it_ends_at_once(matcher):
+    assert ends_after(matcher, 5, most=1e-30) == 0
 
 
 def test_seven_stars_among_ten_false_ones_are_found_before_the_end(identifier):

@@ -289,5 +289,9 @@ def test_databases_die_with_a_call_of_solve(no_garbage_collection):
 def test_searches_of_one_database_share_its_catalogue():
     database = PyramidIdentifier(CAMERA, 2020.0, BRIGHT)
     other = database.with_camera(replace(CAMERA, fy=0.9 * CAMERA.fy), BRIGHT)
-    assert other.verifier.data.sky.start is database.verifier.data.sky.start
-    assert other.verifier.data.sky.direction is database.onboard.direction
+    assert other.onboard is database.onboard and other.pairs is database.pairs
+    kept = [array.__array_interface__['data'][0] for array in other._matcher._arrays]
+    # Nothing is copied.
+    assert database.onboard.grid.start.__array_interface__['data'][0] in kept
+    assert database.onboard.direction.__array_interface__['data'][0] in kept
+    assert database.pairs.member.__array_interface__['data'][0] in kept

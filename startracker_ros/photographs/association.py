@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Association of image stars with catalogue stars, and the attitude and focal length that fit.
+Association of image stars with catalogue stars, for compiled searches.
+
+As native/src/identify/association.h: the attitude and the focal length that fit.
 
 Image stars are points in undistorted coordinates of the sensor frame (camera/lens.py), of the
 nominal focal length; divided by the focal ratio they are those of the fitted one.
 """
 
 import numpy as np
-from startracker_ros.core.attitude.refinement import refine, residuals
+from startracker_ros.core.attitude.refinement import refine
 from startracker_ros.core.attitude.triad import triad
 from startracker_ros.core.camera.lens import plane_point, ray
 from startracker_ros.core.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.core.maths.compiled_rotation import quaternion_from_matrix, sensor_directions
 
 
 @compiled
@@ -33,15 +34,6 @@ def _equal(matched: np.ndarray, other: np.ndarray) -> bool:
         if matched[i] != other[i]:
             return False
     return True
-
-
-@compiled
-def contains(matched: np.ndarray, star: int) -> bool:
-    """Return whether a catalogue star is among the matched ones."""
-    for other in matched:
-        if other == star:
-            return True
-    return False
 
 
 @inlined
@@ -140,7 +132,7 @@ def _farthest(vectors: np.ndarray) -> int:
 
 
 @compiled
-def focal_ratio(equidistant: bool, matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray
+def _focal_ratio(equidistant: bool, matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray
                 ) -> float:
     """
     Return the focal length that fits over the one of the sensor directions (M, 3).
@@ -214,7 +206,7 @@ def align(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray,
         # What one step leaves is little beside the radius, and more steps follow.
         if not refine(matrix, sensor, icrf, weight, 1)[1] > 0:
             return False, ratio, matched, residual, matrix
-        fitted = ratio * focal_ratio(equidistant, matrix, sensor, icrf)
+        fitted = ratio * _focal_ratio(equidistant, matrix, sensor, icrf)
         # Close stars may determine the scale less well than it was known before.
         ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
         if attempt == 0:
@@ -248,22 +240,3 @@ def _update(direction: np.ndarray, equidistant: bool, matrix: np.ndarray, seen: 
             largest = max(largest, residual[i])
     return largest
 
-
-@compiled
-def fit(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray, ratio: float,
-        star: np.ndarray, start: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """
-    Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match.
-
-    start (3, 3) is a nearly right matrix to ICRF.
-    """
-    sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio, star,
-                                               sky.direction)
-    if len(weight) < 2:
-        return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
-    matrix = start.copy()
-    covariance, _ = refine(matrix, sensor, icrf, weight)
-    residual = residuals(sensor, sensor_directions(matrix, icrf))
-    chi2 = np.sum(residual ** 2 * weight)
-    return quaternion_from_matrix(matrix), covariance, residual, chi2

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Support of further image stars for a candidate triangle, summed before it is verified.
+Support of further image stars for a candidate triangle, for compiled searches.
+
+As native/src/identify/support.h, for stars of any precision, without the order of brightness.
 
 Image stars a, b, c taken for catalogue stars A, B, C predict where star i must be. With
 
@@ -14,9 +16,7 @@ focal length cancels. The error of the prediction and of the star itself is
     sigma^2 = sigma_i^2 + w_a^2 sigma_a^2 + w_b^2 sigma_b^2 + w_c^2 sigma_c^2.
 
 One of the N catalogue stars is within its tolerance r by chance with p = N r^2 / 4. A star that
-is there supports the candidate by -ln p: the logarithm of how much more likely it makes it. So
-does the order of brightness of A, B, C, of which so few or fewer inversions have the share p of
-all six orders.
+is there supports the candidate by -ln p: the logarithm of how much more likely it makes it.
 """
 
 from typing import NamedTuple
@@ -25,13 +25,8 @@ import numpy as np
 from startracker_ros.core.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.core.compiled import compiled, inlined
 
-DECISIVE = 25.0
-"""So much support no candidate has by chance."""
-
 # Image stars that are looked up for each candidate.
 _SUPPORTERS = 16
-# Of orders with 0 to 3 inversions.
-_ORDER_SUPPORT = np.log([6.0, 2.0, 6 / 5, 1.0])
 
 
 class Supporters(NamedTuple):
@@ -110,15 +105,6 @@ def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 @inlined
-def _order_support(base: np.ndarray, first: int, second: int, third: int) -> float:
-    """Return the support of the order of three catalogue stars for the image stars base (3,)."""
-    a, b, c = base[0], base[1], base[2]
-    inversions = (((a < b) != (first < second)) + ((a < c) != (first < third))
-                  + ((b < c) != (second < third)))
-    return _ORDER_SUPPORT[inversions]
-
-
-@inlined
 def support_of_places(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int,
                       enough: float) -> float:
     """
@@ -143,11 +129,3 @@ def support_of_places(sky: SkyGrid, stars: Supporters, first: int, second: int, 
             found += gain[i]
     return found
 
-
-@compiled
-def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int, enough: float
-            ) -> float:
-    """Return the support of a candidate as above, of stars that are numbered by brightness."""
-    order = _order_support(stars.base, first, second, third)
-    found = support_of_places(sky, stars, first, second, third, enough - order)
-    return found + order if found else 0.0

@@ -2,32 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The false-alarm probability: how likely a wrong candidate agrees as well as this one.
+How likely a wrong candidate agrees as well as this one, for compiled searches.
 
-Four tests, each a probability under the hypothesis that the candidate is wrong:
-
-Number of matches. Each of the n image stars beyond the B of the pattern falls within the
-radius r of one of the S catalogue stars of the field with p = S pi r^2 / A, A the area of the
-image. m matches or more of n have the binomial tail
-
-    P_1 = sum_{k=m}^n C(n, k) p^k (1 - p)^(n - k).
-
-Stars of a cluster are not independent: the Pleiades, shifted or turned, put several stars on
-others at once. So the stars of one small cell of the image count as one.
-
-Density of the field. A wrong candidate points anywhere on the sky; P_2 is the share of random
-fields that hold S catalogue stars or fewer.
-
-Order of brightness. Were the candidate wrong, any order of the catalogue stars would be as
-likely as that of their image stars. P_3 is the share of permutations with no more inversions
-(Kendall 1938). No photometry is needed but the order.
-
-Residuals. By chance the squared residuals d_i^2 / r^2 are uniform in 0 .. 1. The probability that
-m such numbers have a sum below x is at most P_4 = x^m / m!.
-
-The product P of these is combined as Fisher (1925) does it, and T candidates were tested:
-
-    P_FA = min(1, T P (1 + L + L^2 / 2 + L^3 / 6)),    L = -ln P.
+binomial_tail() is P_1 of native/src/identify/false_alarm.h, order_probability() P_3.
 
 Few stars among many false spots leave such a product little, because it counts what a search has
 tested, and all stars of the catalogue. How many wrong fields of the whole sky agree as well can be
@@ -53,8 +30,6 @@ from startracker_ros.core.compiled import compiled
 
 # Matched stars, the brightest, whose order is tested.
 _ORDERED = 12
-CELLS = 16
-"""Cells along one side of a square image: 3/4 of a degree in a field of 12."""
 
 FEWEST = 5
 """Matches that P_few is for at least."""
@@ -143,25 +118,6 @@ def order_probability(star: np.ndarray, chosen: np.ndarray) -> float:
 
 
 @compiled
-def residual_probability(residual: np.ndarray, radius: float, base: int) -> float:
-    """
-    Return P_4 of the residuals (N,), NaN where there is no match.
-
-    The base stars of the pattern took part in the fit: they add to the sum x but not to m.
-    """
-    matched = 0
-    x = 0.0
-    for d in residual:
-        if d >= 0:
-            matched += 1
-            x += (d / radius) ** 2
-    bound = 1.0
-    for k in range(matched - base):
-        bound *= x / (k + 1)
-    return min(bound, 1.0)
-
-
-@compiled
 def few_star_probability(n: int, m: int, k: int, stars: int, square: float, order: float,
                          size: tuple[float, float], scale_error: float) -> float:
     """
@@ -185,30 +141,6 @@ def few_star_probability(n: int, m: int, k: int, stars: int, square: float, orde
     for i in range(2, min(m, _ORDERED) + 1):
         orders += np.log(i)
     return min(1.0, expected * order * ranks * orders * 2.0 ** (m - FEWEST + 1))
-
-
-@compiled
-def least_matches(n: int, p: float, share: float, base: int, tolerance_sigmas: float,
-                  tested: int, most: float) -> int:
-    """
-    Return the least number of true stars among n that has a false-alarm probability <= most.
-
-    p and the base as in P_1, share is P_2, tested T; the stars are in order, and their residuals
-    those of a normal distribution of sigma = r / tolerance_sigmas. It is n + 1 if there is none.
-    """
-    order = bound = 1.0
-    for m in range(1, n + 1):
-        order /= min(m, _ORDERED)
-        if m <= base:
-            continue
-        x = min(2 * m / tolerance_sigmas ** 2, 1.0)
-        bound = x ** (m - base)
-        for k in range(m - base):
-            bound /= k + 1
-        product = binomial_tail(m - base, n - base, p) * share * order * bound
-        if tested * fisher_combined(product) <= most:
-            return m
-    return n + 1
 
 
 @compiled

@@ -1,0 +1,270 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Identification for tools on the ground: by arrays, and of candidates found elsewhere.
+
+#include <algorithm>
+#include <cmath>
+
+#include "startracker_ground.h"
+#include "tracker.h"
+
+using namespace st;
+
+namespace {
+
+constexpr int QUAD = 4;
+constexpr size_t MOST_GIVEN = 100000000;
+static_assert(sizeof(Vector3) == 3 * sizeof(double), "directions are given as (count, 3)");
+
+bool are_given(const st_pairs &pairs) {
+    return pairs.pairs == 0 || (pairs.star != nullptr && pairs.direction != nullptr &&
+                                pairs.separation_rad != nullptr && pairs.below != nullptr &&
+                                pairs.member != nullptr && pairs.previous != nullptr);
+}
+
+const double (*vectors(const double *array))[3] {
+    return reinterpret_cast<const double(*)[3]>(array);
+}
+
+Pairs pairs_of(const st_pairs &pairs) {
+    Pairs made{pairs.stars,
+               pairs.pairs,
+               pairs.star,
+               vectors(pairs.direction),
+               pairs.separation_rad,
+               pairs.below,
+               pairs.member,
+               pairs.previous,
+               0.0,
+               0.0};
+    set_steps(made);
+    return made;
+}
+
+st_status check(const st_config *config, const st_camera *camera, const st_patterns *patterns,
+                st_fault *fault) {
+    if (config == nullptr || patterns == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = check_tracker(config, camera, fault);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (patterns->hip == nullptr || patterns->direction == nullptr ||
+        patterns->magnitude == nullptr || patterns->blended == nullptr ||
+        patterns->start == nullptr || patterns->member == nullptr ||
+        !are_given(patterns->bright) || !are_given(patterns->pairs)) {
+        return ST_NULL_POINTER;
+    }
+    const bool possible = patterns->stars > 0 && patterns->cells > 0 &&
+                          patterns->pairs.pairs >= 0 && patterns->bright.pairs >= 0 &&
+                          patterns->most_centroids > 0 && patterns->bright_image_stars >= 0 &&
+                          patterns->scale_error >= 0 && patterns->scale_error < 1;
+    if (!possible) {
+        return ST_BAD_INPUT;
+    }
+    return config->stages == ST_IDENTIFIES ? ST_OK : ST_NO_STAGE;
+}
+
+IdentificationSetup setup_for(const st_config &config, const st_patterns &given) {
+    const Cells cells{given.cells, given.start, given.member};
+    return {{given.stars, given.hip, vectors(given.direction), given.magnitude, given.blended,
+             cells, pairs_of(given.bright), pairs_of(given.pairs)},
+            {given.bright_image_stars, given.bright_triangles},
+            given.scale_error,
+            given.bases_by_brightness != 0,
+            given.lens_unknown == 0,
+            config.identification.max_image_stars,
+            given.most_centroids};
+}
+
+st_status check(const st_tracker *tracker, const st_image_stars *stars) {
+    if (tracker == nullptr || stars == nullptr ||
+        (stars->count > 0 && (stars->direction == nullptr || stars->sigma_rad == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    if (!has_stage(*tracker, ST_IDENTIFIES)) {
+        return ST_NO_STAGE;
+    }
+    return stars->count < 0                                      ? ST_BAD_INPUT
+           : stars->count > tracker->identification.most_stars() ? ST_TOO_MANY
+                                                                 : ST_OK;
+}
+
+/// Whether numbers are of count things.
+bool are_numbers(const int32_t *numbers, size_t given, int32_t count) {
+    return std::all_of(numbers, numbers + given,
+                       [count](int32_t number) { return number >= 0 && number < count; });
+}
+
+/// Return the image stars of a caller in the work memory of a tracker.
+ImageStars stars_of(const st_image_stars &given, st_tracker &tracker) {
+    ImageStars stars = image_stars(given.count, tracker.work);
+    stars.count = given.count;
+    for (int i = 0; i < given.count; ++i) {
+        const double *direction = given.direction + ptrdiff_t{3} * i;
+        stars.index[i] = i;
+        stars.direction[i] = {{direction[0], direction[1], direction[2]}};
+        stars.sigma[i] = given.sigma_rad[i];
+    }
+    complete(tracker.identification.lens().equidistant, stars, tracker.work);
+    return stars;
+}
+
+}  // namespace
+
+extern "C" {
+
+st_status st_size_for(const st_config *config, const st_camera *camera,
+                      const st_patterns *patterns, size_t *bytes) {
+    if (bytes == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = check(config, camera, patterns, nullptr);
+    if (status == ST_OK) {
+        const IdentificationSetup setup = setup_for(*config, *patterns);
+        *bytes = tracker_bytes(*config, *camera, &setup);
+    }
+    return status;
+}
+
+st_status st_create_for(void *memory, size_t bytes, const st_config *config,
+                        const st_camera *camera, const st_patterns *patterns, st_tracker **tracker,
+                        st_fault *fault) {
+    if (memory == nullptr || tracker == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = check(config, camera, patterns, fault);
+    if (status != ST_OK) {
+        return status;
+    }
+    const IdentificationSetup setup = setup_for(*config, *patterns);
+    return make_tracker(memory, bytes, *config, *camera, &setup, tracker);
+}
+
+st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,
+                          const int32_t *order, size_t given, double sigma_floor_px,
+                          int32_t *index, double *direction, double *sigma_rad, size_t *count) {
+    if (camera == nullptr || count == nullptr ||
+        (given > 0 && (centroids == nullptr || order == nullptr)) ||
+        (*count > 0 && (index == nullptr || direction == nullptr || sigma_rad == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = st_check_camera(camera, nullptr);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (given > MOST_GIVEN || *count > MOST_GIVEN) {
+        return ST_TOO_MANY;
+    }
+    const auto centroid_count = static_cast<int32_t>(given);
+    if (!are_numbers(order, given, centroid_count) || !(sigma_floor_px >= 0)) {
+        return ST_BAD_INPUT;
+    }
+    ImageStars stars{0, index, reinterpret_cast<Vector3 *>(direction), nullptr, sigma_rad, 0.0};
+    usable_stars(lens_of(*camera), centroids, order, centroid_count, static_cast<int>(*count),
+                 sigma_floor_px, stars);
+    *count = static_cast<size_t>(stars.count);
+    return ST_OK;
+}
+
+st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int32_t *base,
+                     const int32_t *candidates, size_t count, double *support) {
+    const st_status status = check(tracker, stars);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (base == nullptr || (count > 0 && (candidates == nullptr || support == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    const Verifier &verifier = tracker->identification.verifier();
+    if (!are_numbers(base, 3, stars->count) ||
+        !are_numbers(candidates, 3 * count, verifier.sky.stars)) {
+        return ST_BAD_INPUT;
+    }
+    const Arena::Scope scope(tracker->work);
+    const Supporters others =
+        supporters(verifier.sky, stars_of(*stars, *tracker), base, verifier.tolerance_sigmas);
+    for (size_t i = 0; i < count; ++i) {
+        const int32_t *three = candidates + 3 * i;
+        support[i] = st::support(verifier.sky, others, three[0], three[1], three[2], 0.0);
+    }
+    return ST_OK;
+}
+
+st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int32_t *base,
+                    const int32_t *pattern, size_t based, double tested,
+                    st_verification *verification, int32_t *star, double *residual_px,
+                    double *residual_rad) {
+    const st_status status = check(tracker, stars);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (base == nullptr || pattern == nullptr || verification == nullptr || star == nullptr ||
+        residual_px == nullptr || residual_rad == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const IdentificationStage &stage = tracker->identification;
+    const Verifier &verifier = stage.verifier();
+    if (based < 2 || !are_numbers(base, based, stars->count) ||
+        !are_numbers(pattern, based, verifier.sky.stars)) {
+        return ST_BAD_INPUT;
+    }
+    const Arena::Scope scope(tracker->work);
+    const ImageStars image = stars_of(*stars, *tracker);
+    Verification result = st::verification(image.count, tracker->work);
+    verify(verifier, image, base, pattern, static_cast<int>(based), tested, result, tracker->work);
+    const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
+    *verification = {no_attitude(), result.found.focal_ratio, result.false_alarm};
+    for (int i = 0; i < image.count; ++i) {
+        star[i] = result.found.star[i];
+        residual_px[i] = result.found.residual[i] * pixels;
+        residual_rad[i] = NAN;
+    }
+    if (result.false_alarm < 1) {
+        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
+                                              result.found, residual_rad, tracker->work);
+        set_fit(best, residual_rad, image.count, 1 / pixels, verification->attitude);
+    }
+    return ST_OK;
+}
+
+st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, const int32_t *base,
+                          const int32_t *pattern, size_t count, double least_support,
+                          double tested, int32_t *best, double *false_alarm_probability) {
+    const st_status status = check(tracker, stars);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (best == nullptr || false_alarm_probability == nullptr ||
+        (count > 0 && (base == nullptr || pattern == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    const Verifier &verifier = tracker->identification.verifier();
+    if (!are_numbers(base, QUAD * count, stars->count) ||
+        !are_numbers(pattern, QUAD * count, verifier.sky.stars)) {
+        return ST_BAD_INPUT;
+    }
+    const Arena::Scope scope(tracker->work);
+    const ImageStars image = stars_of(*stars, *tracker);
+    Verification result = verification(image.count, tracker->work);
+    *best = -1;
+    *false_alarm_probability = 1.0;
+    for (size_t i = 0; i < count; ++i) {
+        const int32_t *four = base + QUAD * i, *star = pattern + QUAD * i;
+        const Supporters others = supporters(verifier.sky, image, four, verifier.tolerance_sigmas);
+        if (!(st::support(verifier.sky, others, star[0], star[1], star[2], least_support) >
+              least_support)) {
+            continue;
+        }
+        verify(verifier, image, four, star, QUAD, tested, result, tracker->work);
+        if (result.false_alarm < *false_alarm_probability) {
+            *best = static_cast<int32_t>(i);
+            *false_alarm_probability = result.false_alarm;
+        }
+    }
+    return ST_OK;
+}
+
+}  // extern "C"

@@ -1,0 +1,291 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A tracker of the native library that identifies stars, and its results in Python."""
+
+from collections.abc import Sequence
+import ctypes
+import math
+from threading import Lock
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from startracker_ros.core import native
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.camera.distortion import MODELS
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.image_tracker import aligned
+from startracker_ros.core.identify.pairs import PairDatabase
+
+STATUSES = ('not_due', 'identified', 'too_few_stars', 'no_candidate', 'ambiguous', 'time_limit',
+            'searching')
+"""Names of st_identification_status, in their order."""
+
+_IDENTIFIES = 2  # ST_IDENTIFIES
+_SEARCHING = STATUSES.index('searching')
+MOST_CENTROIDS = 5000
+"""Of one list: the brightest."""
+
+# Of a search, until the clock is read.
+_SLICE_S = 2e-3
+
+
+class BrightLevel(NamedTuple):
+    """How many catalogue stars, image stars and triangles the first, brighter level has."""
+
+    stars_per_field: float
+    image_stars: int
+    triangles: int
+
+
+class Rules(NamedTuple):
+    """
+    What accepts a candidate, beside the options of an identification.
+
+    scale_error is that of the focal length, a share. Where bases_by_brightness, the stars of a
+    candidate were chosen by their brightness, which is then no evidence for them. lens_known is
+    False for a lens that is fitted after the identification: its near misses are then expected.
+    """
+
+    scale_error: float
+    bases_by_brightness: bool = False
+    lens_known: bool = True
+
+
+class Found(NamedTuple):
+    """
+    What a search found: status is one of STATUSES, reason the figures of its st_reason.
+
+    hip, magnitude, residual_px (N,) are of each centroid, None without an attitude.
+    """
+
+    status: str
+    figures: tuple[float, ...]
+    false_alarm: float
+    focal_ratio: float
+    work_s: float
+    stars: int
+    tested: int
+    hip: np.ndarray | None = None
+    magnitude: np.ndarray | None = None
+    residual_px: np.ndarray | None = None
+    attitude: AttitudeEstimate | None = None
+
+
+class StarMatcher:
+    """
+    A tracker for lists of centroids of a camera, in memory of its own.
+
+    options are the fields of st_identification_options. Without pairs it verifies candidates that
+    were found elsewhere. CameraError is of the camera; ValueError for an option out of range.
+    """
+
+    def __init__(self, camera: Camera, onboard: OnboardCatalog, options: dict[str, Any],
+                 rules: Rules, pairs: PairDatabase | None = None,
+                 bright_pairs: PairDatabase | None = None,
+                 bright: BrightLevel = BrightLevel(0.0, 0, 0)) -> None:
+        self._library = native.library()
+        self._uses = Lock()
+        config, fault = native.defaults(), np.zeros((), native.FAULT)
+        config['stages'] = _IDENTIFIES
+        for name, value in options.items():
+            config['identification'][name] = value
+        # The library reads the arrays in place.
+        self._arrays: list[np.ndarray] = []
+        patterns = self._patterns(onboard, rules, pairs, bright_pairs, bright)
+        lens = native_camera(camera)
+        size, self._handle = ctypes.c_size_t(), ctypes.c_void_p()
+        given = config.ctypes.data, lens.ctypes.data, patterns.ctypes.data
+        native.check(self._library.st_size_for(*given, ctypes.byref(size)))
+        self._memory = aligned(size.value)
+        native.check(self._library.st_create_for(
+            self._memory.ctypes.data, size.value, *given, ctypes.byref(self._handle),
+            fault.ctypes.data), fault)
+        self._table = np.zeros((MOST_CENTROIDS, native.CENTROID.itemsize // 8))
+        self._result = np.zeros((), native.IDENTIFICATION)
+        self._count = ctypes.c_size_t()
+        first = self._library.st_identified_stars(self._handle, ctypes.byref(self._count))
+        begin = first - self._memory.ctypes.data
+        self._identified = self._memory[
+            begin:begin + MOST_CENTROIDS * native.IDENTIFIED.itemsize].view(native.IDENTIFIED)
+        self._stars = np.zeros((), native.IMAGE_STARS)
+        self._verification = np.zeros((), native.VERIFICATION)
+
+    def _patterns(self, onboard: OnboardCatalog, rules: Rules, pairs: PairDatabase | None,
+                  bright_pairs: PairDatabase | None, bright: BrightLevel) -> np.ndarray:
+        patterns, grid = np.zeros((), native.PATTERNS), onboard.grid
+        for name, array, kind in (
+                ('hip', onboard.hip, np.int32), ('direction', grid.direction, float),
+                ('magnitude', onboard.magnitude, float), ('blended', onboard.blended, bool),
+                ('start', grid.start, np.int32), ('member', grid.member, np.int32)):
+            patterns[name] = self._kept(array, kind)
+        for name, table in (('pairs', pairs), ('bright', bright_pairs)):
+            if table is not None:
+                patterns[name] = (
+                    *(self._kept(array, kind) for array, kind in (
+                        (table.star, np.int32), (table.direction, float),
+                        (table.separation, float), (table.below, np.int32),
+                        (table.member, np.int32), (table.previous, np.int32))),
+                    len(table.star), len(table.separation))
+        patterns['scale_error'] = rules.scale_error
+        patterns['stars'], patterns['cells'] = len(onboard.hip), grid.cells
+        patterns['bright_image_stars'] = bright.image_stars
+        patterns['bright_triangles'] = bright.triangles
+        patterns['most_centroids'] = MOST_CENTROIDS
+        patterns['bases_by_brightness'] = rules.bases_by_brightness
+        patterns['lens_unknown'] = not rules.lens_known
+        return patterns
+
+    def _kept(self, array: np.ndarray, kind: type) -> int:
+        """Return the address of an array that stays as long as the tracker."""
+        self._arrays.append(np.ascontiguousarray(array, kind))
+        return int(self._arrays[-1].ctypes.data)
+
+    def identify(self, centroids: Centroids, until_s: np.ndarray | None = None,
+                 work_s: float = math.inf) -> Found:
+        """
+        Return what a search finds by so much work.
+
+        Another thread may end it: until_s (1,) is the time.monotonic() at which it ends.
+        """
+        count, rows = len(centroids), None
+        if count > MOST_CENTROIDS:
+            rows = np.argsort(-centroids.flux, kind='stable')[:MOST_CENTROIDS]
+        with self._uses:
+            used = self._set(centroids, rows)
+            slice_s = min(work_s, _SLICE_S) if until_s is not None else work_s
+            result_at = self._result.ctypes.data
+            native.check(self._library.st_identify(
+                self._handle, 0, self._table.ctypes.data, used, slice_s, None, result_at))
+            while until_s is not None and self._result['status'] == _SEARCHING and (
+                    time.monotonic() < until_s[0]):
+                native.check(self._library.st_identify_on(
+                    self._handle, slice_s, None, result_at))
+            return self._found(count, used, rows)
+
+    def _set(self, centroids: Centroids, rows: np.ndarray | None) -> int:
+        """Fill in the table of the next call; return its length."""
+        chosen = slice(None) if rows is None else rows
+        used = len(centroids) if rows is None else len(rows)
+        table = self._table[:used]
+        table[:, :2], table[:, 2], table[:, 4] = (
+            centroids.uv[chosen], centroids.flux[chosen], centroids.sigma_px[chosen])
+        return used
+
+    def _found(self, count: int, used: int, rows: np.ndarray | None) -> Found:
+        _, ratio, false_alarm, work_s, status, stars, _, tested, reason = self._result.item()
+        plain = Found(STATUSES[status], tuple(reason[2]), false_alarm, ratio, work_s, stars,
+                      tested)
+        if plain.status != 'identified':
+            return plain
+        identified = self._identified[:used]
+        residual_rad = identified['residual_rad']
+        hip, magnitude, residual_px = (
+            _spread(identified[name], count, rows, empty) for name, empty in (
+                ('hip', 0), ('magnitude', np.nan), ('residual_px', np.nan)))
+        return plain._replace(
+            hip=hip, magnitude=magnitude, residual_px=residual_px,
+            attitude=_estimate(self._result['attitude'], residual_rad[residual_rad >= 0]))
+
+    def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
+                candidates: np.ndarray) -> np.ndarray:
+        """Return the support (M,) of candidates (M, 3) of st_support()."""
+        three, stars = (np.ascontiguousarray(array, np.int32) for array in (base, candidates))
+        found = np.empty(len(stars))
+        with self._uses:
+            kept = self._set_stars(direction, sigma_rad)
+            native.check(self._library.st_support(
+                self._handle, self._stars.ctypes.data, three.ctypes.data, stars.ctypes.data,
+                len(stars), found.ctypes.data))
+            del kept
+        return found
+
+    def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
+               star: Sequence[int], tested: float
+               ) -> tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]:
+        """Return false alarm, focal ratio, stars, residuals (N,) px, attitude of st_verify()."""
+        given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
+        count = len(sigma_rad)
+        matched, residual_px, residual_rad = (
+            np.empty(count, np.int32), np.empty(count), np.empty(count))
+        with self._uses:
+            kept = self._set_stars(direction, sigma_rad)
+            native.check(self._library.st_verify(
+                self._handle, self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
+                len(given), tested, self._verification.ctypes.data, matched.ctypes.data,
+                residual_px.ctypes.data, residual_rad.ctypes.data))
+            del kept
+            found = self._verification.copy()
+        attitude = (_estimate(found['attitude'], residual_rad[residual_rad >= 0])
+                    if found['attitude']['valid'] else None)
+        return (float(found['false_alarm_probability']), float(found['focal_ratio']),
+                matched.astype(int), residual_px, attitude)
+
+    def best_of_quads(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
+                      star: np.ndarray, least_support: float, tested: float
+                      ) -> tuple[int, float]:
+        """Return the best candidate, -1 for none, and its false alarm of st_verify_quads()."""
+        given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
+        best, false_alarm = ctypes.c_int32(), ctypes.c_double()
+        with self._uses:
+            kept = self._set_stars(direction, sigma_rad)
+            native.check(self._library.st_verify_quads(
+                self._handle, self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
+                len(given), least_support, tested, ctypes.byref(best),
+                ctypes.byref(false_alarm)))
+            del kept
+        return best.value, false_alarm.value
+
+    def _set_stars(self, direction: np.ndarray, sigma_rad: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Set the st_image_stars of the next call; return the arrays, which have to stay."""
+        kept = tuple(np.ascontiguousarray(array, float) for array in (direction, sigma_rad))
+        self._stars[()] = (*(array.ctypes.data for array in kept), len(sigma_rad), 0)
+        return kept
+
+
+def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_floor_px: float
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the brightest usable centroids, each star once.
+
+    Their rows (N,), directions (N, 3) and errors (N,) in rad.
+    """
+    order = np.argsort(-centroids.flux, kind='stable').astype(np.int32)
+    table = np.zeros((len(order), native.CENTROID.itemsize // 8))
+    table[:, :2], table[:, 4] = centroids.uv, centroids.sigma_px
+    index, direction, sigma_rad = (
+        np.empty(max_stars, np.int32), np.empty((max_stars, 3)), np.empty(max_stars))
+    count = ctypes.c_size_t(max_stars)
+    native.check(native.library().st_usable_stars(
+        native_camera(camera).ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
+        sigma_floor_px, index.ctypes.data, direction.ctypes.data, sigma_rad.ctypes.data,
+        ctypes.byref(count)))
+    chosen = slice(count.value)
+    return index[chosen].astype(int), direction[chosen], sigma_rad[chosen]
+
+
+def native_camera(camera: Camera) -> np.ndarray:
+    """Return a camera as an st_camera."""
+    terms = np.zeros(8)
+    terms[:len(camera.distortion)] = camera.distortion
+    return np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+                     terms, list(MODELS).index(camera.distortion_model), 0), native.CAMERA)
+
+
+def _spread(column: np.ndarray, count: int, rows: np.ndarray | None, empty: float) -> np.ndarray:
+    """Return a column of the rows used as one of all centroids."""
+    if rows is None:
+        return column.copy()
+    full = np.full(count, empty, column.dtype)
+    full[rows] = column
+    return full
+
+
+def _estimate(attitude: np.ndarray, residual_rad: np.ndarray) -> AttitudeEstimate:
+    """Return an st_attitude of a fit, with the residuals (M,) of its stars."""
+    return AttitudeEstimate(
+        attitude['quaternion'].copy(), attitude['covariance_rad2'].copy(),
+        len(residual_rad), residual_rad, float(attitude['chi2']))
