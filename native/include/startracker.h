@@ -220,8 +220,7 @@ typedef struct {
     double sigma_floor_px, detection_probability, gate_probability;
     double magnitude_tolerance, max_residual_px, max_rate_deg_s, max_gap_s;
     int32_t max_stars, min_stars, max_missed, confirm_frames, max_bad_frames;
-    int32_t
-        model; /* st_motion_model; the options that follow have no effect on ST_ATTITUDE_MODEL */
+    int32_t model;            /* st_motion_model: the options below are not of ST_ATTITUDE_MODEL */
     int32_t solver;           /* st_solver, of the attitude */
     int32_t association;      /* st_association, of a filter for each star; as the next two */
     int32_t sna_confirmation; /* 1: only centroids that the star neighbourhood approach confirms */
@@ -488,13 +487,22 @@ typedef struct {
     int32_t reserved;
 } st_result;
 
-#define ST_ABI                                                                                    \
-    {                                                                                             \
-        ST_VERSION, sizeof(st_config), sizeof(st_camera), sizeof(st_image), sizeof(st_sky),       \
-            sizeof(st_observer), sizeof(st_hint), sizeof(st_centroid), sizeof(st_identified),     \
-            sizeof(st_star_track), sizeof(st_prediction), sizeof(st_rejected), sizeof(st_result), \
-            sizeof(st_attitude), sizeof(st_fault)                                                 \
-    }
+#define ST_ABI              \
+    {ST_VERSION,            \
+     sizeof(st_config),     \
+     sizeof(st_camera),     \
+     sizeof(st_image),      \
+     sizeof(st_sky),        \
+     sizeof(st_observer),   \
+     sizeof(st_hint),       \
+     sizeof(st_centroid),   \
+     sizeof(st_identified), \
+     sizeof(st_star_track), \
+     sizeof(st_prediction), \
+     sizeof(st_rejected),   \
+     sizeof(st_result),     \
+     sizeof(st_attitude),   \
+     sizeof(st_fault)}
 
 /* ---- functions ----------------------------------------------------------------------------- */
 
