@@ -1,0 +1,30 @@
+// Copyright 2026 the startracker_ros authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The tracks after a frame, by the attitude that it corrected.
+
+#pragma once
+
+#include "track/bank.h"
+
+namespace st {
+
+/// A detected star: track is its place in the bank; uv, residual by the attitude, and error are of its
+/// centroid; flow is the image motion per body rate, velocity that in px/s.
+struct DetectedStar {
+    int32_t track;
+    Point uv, residual;
+    Covariance2 error;
+    Flow flow;
+    Point velocity;
+};
+
+/// List the detected stars among confirmed tracks whose states are those by the attitude.
+///
+/// icrf and distance (count of bank) are the stars' directions, and the distances of their centroids
+/// best (count of bank) by the corrected attitude, not finite where a star was missed.
+void detected_stars(const Lens &lens, const Quaternion &attitude, const Vector3 &rate_rad_s,
+                    const TrackBank &bank, const Vector3 *icrf, const double *distance,
+                    const int32_t *best, const Places &centroids, List<DetectedStar> &detected);
+
+}  // namespace st
