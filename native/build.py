@@ -85,8 +85,8 @@ def library(compiler: Compiler) -> Program:
 
 
 def library_for_tests(compiler: Compiler) -> Program:
-    """Return the library with the functions of test/kernels.h."""
-    return Program((*_core(), NATIVE / 'test' / 'kernels.cpp'),
+    """Return the library with the functions of test/kernels*.h."""
+    return Program((*_core(), *sorted(NATIVE.glob('test/kernels*.cpp'))),
                    ('-shared', *_LINKED[compiler.kind]))
 
 
