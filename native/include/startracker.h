@@ -309,8 +309,9 @@ typedef enum {
     ST_REASON_NO_STARS,            /* s */
     ST_REASON_DIVERGED,            /* frames in a row, limit in sigma, last innovation in sigma */
     ST_REASON_GYRO_AT_RANGE_BLIND, /* no stars while the gyro is saturated */
-    ST_REASON_NOT_POSITIVE,        /* diagonal of a covariance that is not positive definite */
+    ST_REASON_NOT_POSITIVE,        /* variances of turn and rate: not positive definite */
     ST_REASON_BAD_FRAMES,          /* frames, stars that agreed in the last, rms px */
+    ST_REASON_STARS_ELSEWHERE,     /* frames that are not used, stars identified in the last */
     /* contradictions: stars agree on an attitude, others show that it is wrong */
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */
     ST_REASON_LINE_TIME,          /* us by which line_time_us is off */
@@ -324,7 +325,7 @@ typedef enum {
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
     ST_REASON_NOT_TRACKED,        /* the tracking has no attitude */
-    ST_REASON_TOO_FEW_STARS,      /* stars, min_stars */
+    ST_REASON_TOO_FEW_STARS,      /* stars, min_stars, 1: tracked, 0: identified ones */
     ST_REASON_RESIDUAL,           /* rms px of solved stars, max_residual_px */
     ST_REASON_TRACKS_ASIDE,       /* rms px of tracks from the attitude, max_residual_px */
     ST_REASON_ERRORS_UNKNOWN,     /* diagonal of a covariance that is not positive definite */
