@@ -5,19 +5,10 @@
 
 #pragma once
 
+#include "integrity/detected_star.h"
 #include "track/bank.h"
 
 namespace st {
-
-/// A detected star: track is its place in the bank; uv, residual by the attitude, and error are of its
-/// centroid; flow is the image motion per body rate, velocity that in px/s.
-struct DetectedStar {
-    int32_t track;
-    Point uv, residual;
-    Covariance2 error;
-    Flow flow;
-    Point velocity;
-};
 
 /// List the detected stars among confirmed tracks whose states are those by the attitude.
 ///
