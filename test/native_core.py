@@ -41,14 +41,16 @@ def built(program, name: str) -> Path:
 
 @cache
 def kernels() -> ctypes.CDLL:
-    """Return the library for tests: the functions of the header and those of test/kernels.h."""
+    """Return the library for tests: the functions of the header and those of test/kernels*.h."""
     library = ctypes.CDLL(str(built(build_module().library_for_tests(compiler()),
                                     'libstartracker_test.so')))
     for name, (result, arguments) in FUNCTIONS.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    header = (ROOT / 'native' / 'test' / 'kernels.h').read_text()
-    kinds = {'double': ctypes.c_double, 'int32_t': ctypes.c_int32, 'void': None}
+    header = ''.join(
+        path.read_text() for path in sorted((ROOT / 'native' / 'test').glob('kernels*.h')))
+    kinds = {'double': ctypes.c_double, 'int32_t': ctypes.c_int32, 'int64_t': ctypes.c_int64,
+             'void': None}
     for result, name, arguments in re.findall(r'ST_API (\w+) (stt_\w+)\(([^)]*)\)', header):
         function = getattr(library, name)
         function.restype = kinds[result]

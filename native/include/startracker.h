@@ -46,9 +46,9 @@ extern "C" {
 #endif
 
 /* Raised with every change of a struct, an enumeration or a function. */
-#define ST_VERSION 1
+#define ST_VERSION 2
 
-#define ST_REASON_FIGURES 6
+#define ST_REASON_FIGURES 9
 #define ST_MOST_BODIES 16
 
 /* ---- wrong use ---------------------------------------------------------------------------- */
@@ -164,7 +164,8 @@ typedef struct {
 
 /* ---- options: names, defaults and ranges are those of docs/parameters.md ------------------ */
 /* Band of the magnitudes and magnitude limit of the pairs are options of the sky file; the orbit is
- * the caller's, who gives the observer. Methods of papers are not in this library. */
+ * the caller's, who gives the observer. Of the methods of papers this library has models of the
+ * motion of stars. */
 
 typedef enum { ST_THRESHOLD_SIGMA = 0, ST_THRESHOLD_FIXED, ST_THRESHOLD_ITERATIVE } st_threshold;
 
@@ -197,20 +198,39 @@ typedef struct {
     int32_t reserved;
 } st_identification_options;
 
+/* How the stars move: one rotation moves all of them, or, as papers have it, each has a filter of its
+ * own (JPDAF), or none: it is where it was measured (star neighbourhood approach). */
+typedef enum {
+    ST_ATTITUDE_MODEL = 0,
+    ST_CONSTANT_VELOCITY,
+    ST_COORDINATED_TURN,
+    ST_SNA,
+    ST_MODEL_COUNT
+} st_motion_model;
+
+/* Factors of the false centroids in a joint event of a filter for each star: lambda^phi of a known
+ * density, phi! / V^phi of an unknown one, or none, with the sums of all events normalised. */
+typedef enum { ST_POISSON = 0, ST_DIFFUSE, ST_NORMALISED, ST_ASSOCIATION_COUNT } st_association;
+
+typedef enum { ST_QUEST = 0, ST_DAVENPORT, ST_SVD, ST_TRIAD } st_solver;
+
 typedef struct {
     double magnitude_limit;
     double acceleration_deg_s2, roll_acceleration_deg_s2;
     double sigma_floor_px, detection_probability, gate_probability;
     double magnitude_tolerance, max_residual_px, max_rate_deg_s, max_gap_s;
     int32_t max_stars, min_stars, max_missed, confirm_frames, max_bad_frames;
-    int32_t reserved;
+    int32_t
+        model; /* st_motion_model; the options that follow have no effect on ST_ATTITUDE_MODEL */
+    int32_t solver;           /* st_solver, of the attitude */
+    int32_t association;      /* st_association, of a filter for each star; as the next two */
+    int32_t sna_confirmation; /* 1: only centroids that the star neighbourhood approach confirms */
+    int32_t roll_by_gyro;     /* 1: the image rolls as a gyro says */
 } st_tracking_options;
 
 typedef struct {
     double gyro_drift_deg_h, gyro_noise_deg_sqrt_h, gyro_range_deg_s, gyro_rate_change_deg_s2;
 } st_gyro_options;
-
-typedef enum { ST_QUEST = 0, ST_DAVENPORT, ST_SVD, ST_TRIAD } st_solver;
 
 typedef struct {
     double max_residual_px;
@@ -284,6 +304,7 @@ typedef enum {
     ST_REASON_IDENTIFIED_TWICE,    /* stars */
     ST_REASON_HINT_AGREES,         /* stars */
     ST_REASON_PREDICTION_AGREES,   /* stars */
+    ST_REASON_STARS_ELSEWHERE,     /* frames that were not used, stars identified in the last */
     ST_REASON_CHECK_CONTRADICTS,   /* deg between an identification and the tracks */
     ST_REASON_NO_STARS,            /* s */
     ST_REASON_DIVERGED,            /* frames in a row, limit in sigma, last innovation in sigma */
@@ -300,6 +321,7 @@ typedef enum {
     /* gyro that is not used */
     ST_REASON_GYRO_AT_RANGE = 500,
     ST_REASON_GYRO_DISAGREES, /* rate of the gyro rad/s x y z, of the stars x y z */
+    ST_REASON_ROLL_DISAGREES, /* a filter for each star: stars are not where the roll has them */
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
     ST_REASON_NOT_TRACKED,        /* the tracking has no attitude */
@@ -447,6 +469,7 @@ typedef struct {
     int32_t gyro;               /* st_gyro_use */
     int32_t tracks, tracks_left_out, predictions;
     int32_t stars_matched, frames_since_fix, late_frames, rejected_centroids, checks_passed;
+    st_budget budget, frame_budget; /* of attitude and frame_attitude */
     st_reason reason, contradiction, gyro_trouble;
 } st_tracking;
 
@@ -456,8 +479,7 @@ typedef struct {
 } st_trusted; /* of st_trust and st_trust_stars */
 
 typedef struct {
-    st_attitude attitude; /* valid only if it can be trusted */
-    st_budget budget;     /* of attitude and tracking.attitude */
+    st_attitude attitude; /* valid only if it can be trusted; its budget is tracking.budget */
     st_reason reason;     /* ST_REASON_TRUSTED, or why attitude is not valid */
     st_extraction extraction;
     st_identification identification;
@@ -467,22 +489,13 @@ typedef struct {
     int32_t reserved;
 } st_result;
 
-#define ST_ABI              \
-    {ST_VERSION,            \
-     sizeof(st_config),     \
-     sizeof(st_camera),     \
-     sizeof(st_image),      \
-     sizeof(st_sky),        \
-     sizeof(st_observer),   \
-     sizeof(st_hint),       \
-     sizeof(st_centroid),   \
-     sizeof(st_identified), \
-     sizeof(st_star_track), \
-     sizeof(st_prediction), \
-     sizeof(st_rejected),   \
-     sizeof(st_result),     \
-     sizeof(st_attitude),   \
-     sizeof(st_fault)}
+#define ST_ABI                                                                                    \
+    {                                                                                             \
+        ST_VERSION, sizeof(st_config), sizeof(st_camera), sizeof(st_image), sizeof(st_sky),       \
+            sizeof(st_observer), sizeof(st_hint), sizeof(st_centroid), sizeof(st_identified),     \
+            sizeof(st_star_track), sizeof(st_prediction), sizeof(st_rejected), sizeof(st_result), \
+            sizeof(st_attitude), sizeof(st_fault)                                                 \
+    }
 
 /* ---- functions ----------------------------------------------------------------------------- */
 

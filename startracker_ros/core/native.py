@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 LIBRARY = Path(__file__).with_name('libstartracker.so')
-VERSION = 1
+VERSION = 2
 """ST_VERSION of the header that the types below are of."""
 
-_FIGURES, _BODIES, _REJECTIONS = 6, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
+_FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
 
 
 REMEDY = 'install the package again; in a checkout, python native/build.py'
@@ -73,7 +73,8 @@ TRACKING_OPTIONS = _struct(
     **_numbers('magnitude_limit acceleration_deg_s2 roll_acceleration_deg_s2 sigma_floor_px '
                'detection_probability gate_probability magnitude_tolerance max_residual_px '
                'max_rate_deg_s max_gap_s'),
-    **_numbers('max_stars min_stars max_missed confirm_frames max_bad_frames reserved', 'i4'))
+    **_numbers('max_stars min_stars max_missed confirm_frames max_bad_frames model solver '
+               'association sna_confirmation roll_by_gyro', 'i4'))
 GYRO_OPTIONS = _struct(**_numbers(
     'gyro_drift_deg_h gyro_noise_deg_sqrt_h gyro_range_deg_s gyro_rate_change_deg_s2'))
 TRUST_OPTIONS = _struct(
@@ -119,10 +120,10 @@ TRACKING = _struct(
     attitude=ATTITUDE, frame_attitude=ATTITUDE, **_numbers('residual_px stamp_sigma_s'),
     **_numbers('state gyro tracks tracks_left_out predictions stars_matched frames_since_fix '
                'late_frames rejected_centroids checks_passed', 'i4'),
-    reason=REASON, contradiction=REASON, gyro_trouble=REASON)
+    budget=BUDGET, frame_budget=BUDGET, reason=REASON, contradiction=REASON, gyro_trouble=REASON)
 TRUSTED = _struct(attitude=ATTITUDE, reason=REASON)
 RESULT = _struct(
-    attitude=ATTITUDE, budget=BUDGET, reason=REASON, extraction=EXTRACTION,
+    attitude=ATTITUDE, reason=REASON, extraction=EXTRACTION,
     identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
     **_numbers('aberration reserved', 'i4'))
 

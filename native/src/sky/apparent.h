@@ -46,6 +46,7 @@ Vector3 refracted(const Vector3 &direction, const Vector3 &zenith, double a_rad,
 /// directions are for: small changes of velocity are ignored.
 struct ApparentSky {
     const SkyFile *file;
+    const int32_t *by_hip;  // (stars), ascending
     Epoch epoch;
     uint64_t version;
     st_observer observer, seen_by;
@@ -57,8 +58,11 @@ struct ApparentSky {
     } given[MOST_OBSERVERS];
 };
 
+/// Return the bytes that start_sky() takes.
+size_t apparent_sky_bytes(const SkyFile &file);
+
 /// Start with an observer at rest.
-void start_sky(const SkyFile &file, const Epoch &epoch, ApparentSky &sky);
+void start_sky(const SkyFile &file, const Epoch &epoch, Arena &arena, ApparentSky &sky);
 
 /// Forget the observers.
 void forget_observers(ApparentSky &sky);
@@ -82,6 +86,6 @@ inline Vector3 apparent_direction(const ApparentSky &sky, int32_t star) {
 bool is_crowded(const ApparentSky &sky, int32_t star);
 
 /// Return the star of a catalogue number, -1 for none.
-int32_t star_of_hip(const SkyFile &file, int32_t hip);
+int32_t star_of_hip(const ApparentSky &sky, int32_t hip);
 
 }  // namespace st

@@ -55,7 +55,7 @@ Matrix3 turn_view(const ApparentSky &sky, const Quaternion &attitude, StarsInVie
 const Vector3 &direction_in_view(const ApparentSky &sky, int i, StarsInView &view);
 
 /// Return the number of near stars up to a magnitude: the first ones.
-int brighter_in_view(const ApparentSky &sky, double faintest, const StarsInView &view);
+int brighter_in_view(const SkyFile &file, double faintest, const StarsInView &view);
 
 /// Fill star, direction and pixel of near[i]; false outside of the cone around the image.
 bool see(const ApparentSky &sky, const Matrix3 &attitude, int i, StarsInView &view,
