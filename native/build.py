@@ -84,16 +84,19 @@ def library(compiler: Compiler) -> Program:
     return Program(_core(), ('-shared', '-s', *_LINKED[compiler.kind]))
 
 
+def _kernels() -> tuple[Path, ...]:
+    return tuple(sorted(NATIVE.glob('test/kernels*.cpp')))
+
+
 def library_for_tests(compiler: Compiler) -> Program:
     """Return the library with the functions of test/kernels*.h."""
-    return Program((*_core(), *sorted(NATIVE.glob('test/kernels*.cpp'))),
-                   ('-shared', *_LINKED[compiler.kind]))
+    return Program((*_core(), *_kernels()), ('-shared', *_LINKED[compiler.kind]))
 
 
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:
     """Return a program of the tests, test/NAME.c, with or without sanitizers."""
-    sources = (*_core(), *(NATIVE / 'test' / file for file in (
-        f'{name}.c', 'json.c', 'kernels.cpp')))
+    sources = (*_core(), *_kernels(), *(NATIVE / 'test' / file for file in (
+        f'{name}.c', 'json.c')))
     if not sanitized:
         return Program(sources, _LINKED[compiler.kind])
     if compiler.kind == 'zig':

@@ -47,8 +47,10 @@ def kernels() -> ctypes.CDLL:
     for name, (result, arguments) in FUNCTIONS.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    header = ''.join(path.read_text() for path in (ROOT / 'native' / 'test').glob('kernels*.h'))
-    kinds = {'double': ctypes.c_double, 'int32_t': ctypes.c_int32, 'void': None}
+    header = ''.join(
+        path.read_text() for path in sorted((ROOT / 'native' / 'test').glob('kernels*.h')))
+    kinds = {'double': ctypes.c_double, 'int32_t': ctypes.c_int32, 'int64_t': ctypes.c_int64,
+             'void': None}
     for result, name, arguments in re.findall(r'ST_API (\w+) (stt_\w+)\(([^)]*)\)', header):
         function = getattr(library, name)
         function.restype = kinds[result]
