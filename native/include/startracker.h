@@ -311,7 +311,6 @@ typedef enum {
     ST_REASON_GYRO_AT_RANGE_BLIND, /* no stars while the gyro is saturated */
     ST_REASON_NOT_POSITIVE,        /* variances of turn and rate: not positive definite */
     ST_REASON_BAD_FRAMES,          /* frames, stars that agreed in the last, rms px */
-    ST_REASON_STARS_ELSEWHERE,     /* frames that are not used, stars identified in the last */
     /* contradictions: stars agree on an attitude, others show that it is wrong */
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */
     ST_REASON_LINE_TIME,          /* us by which line_time_us is off */
