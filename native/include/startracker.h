@@ -309,7 +309,6 @@ typedef enum {
     ST_REASON_GYRO_AT_RANGE_BLIND, /* no stars while the gyro is saturated */
     ST_REASON_NOT_POSITIVE,        /* variances of turn and rate: not positive definite */
     ST_REASON_BAD_FRAMES,          /* frames, stars that agreed in the last, rms px */
-    ST_REASON_STARS_ELSEWHERE,     /* frames that are not used, stars identified in the last */
     /* contradictions: stars agree on an attitude, others show that it is wrong */
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */
     ST_REASON_LINE_TIME,          /* us by which line_time_us is off */
@@ -320,6 +319,7 @@ typedef enum {
     ST_REASON_GYRO_AT_RANGE = 500,
     ST_REASON_GYRO_DISAGREES, /* rate of the gyro rad/s x y z, of the stars x y z */
     ST_REASON_ROLL_DISAGREES, /* a filter for each star: stars are not where the roll has them */
+    ST_REASON_NO_ROLL,        /* no rates: roll_by_gyro has no effect */
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
     ST_REASON_NOT_TRACKED,        /* the tracking has no attitude */

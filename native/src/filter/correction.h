@@ -9,6 +9,7 @@
 #include "filter/attitude_state.h"
 #include "maths/arena.h"
 #include "track/association.h"
+#include "track/motion_models.h"
 
 namespace st {
 
@@ -75,10 +76,10 @@ Correction correct(const Lens &lens, const FollowedStars &stars, const Correctio
                    const AttitudeState &predicted, const Places &centroids, const double *delay_s,
                    const DetectionModel &detection, Arena &memory, Arena &work);
 
-/// Position and velocity of a star in the image with their covariance, [u, u', v, v'].
+/// Position and velocity of a star in the image.
 struct ImageMotion {
-    Vector<4> state;
-    Matrix<4, 4> covariance;
+    StarState state;
+    StarCovariance covariance;
 };
 
 /// Return them of a direction on ICRF axes: the image flow times attitude and rate, and so their

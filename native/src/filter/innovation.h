@@ -7,6 +7,7 @@
 
 #include "camera/lens.h"
 #include "filter/attitude_state.h"
+#include "maths/covariance2.h"
 #include "track/association.h"
 
 namespace st {
@@ -30,5 +31,21 @@ struct NormalEquations3 {
     /// Add a star of the image flow H; of weight 0 it is left out.
     void add(const Flow &H, const Innovation &star, double weight);
 };
+
+/// Return the information of [turn, rate] by sums of weights w, w d and w d^2, of stars that are
+/// exposed d after the time of the frame: each measures both by [H, d H].
+inline Information turn_and_rate(const NormalEquations3 &turn, const NormalEquations3 &cross,
+                                 const NormalEquations3 &rate) {
+    Information both{6, {}, {}};
+    set_block(both.information, 0, 0, turn.information);
+    set_block(both.information, 0, 3, cross.information);
+    set_block(both.information, 3, 0, transposed(cross.information));
+    set_block(both.information, 3, 3, rate.information);
+    for (int axis = 0; axis < 3; ++axis) {
+        both.vector[axis] = turn.vector[axis];
+        both.vector[3 + axis] = cross.vector[axis];
+    }
+    return both;
+}
 
 }  // namespace st

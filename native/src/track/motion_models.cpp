@@ -66,12 +66,12 @@ TurnedNoise turned_noise(double dt_s, double angle) {
     // (2 angle - sin(2 angle)) / (2 angle)^3, and the same of angle.
     const double third_of_double = 1.0 / 6 - 4 * square * fifth_of_double;
     const double third = 1.0 / 6 - square * fifth;
-    TurnedNoise noise = {{{{2 * third_of_double, sinc2 / 2},
-                           {sinc2 / 2, 1 - 2 * third_of_double * square}}},
-                         {{{2 * (4 * fifth_of_double - fifth) * square, half / 8 * square},
-                           {half / 8 * square, 2 * third_of_double * square}}},
-                         {{{half / 8 * angle, 2 * third_of_double * angle},
-                           {(2 * third_of_double - third) * angle, sinc2 / 2 * angle}}}};
+    TurnedNoise noise = {
+        {{{2 * third_of_double, sinc2 / 2}, {sinc2 / 2, 1 - 2 * third_of_double * square}}},
+        {{{2 * (4 * fifth_of_double - fifth) * square, half / 8 * square},
+          {half / 8 * square, 2 * third_of_double * square}}},
+        {{{half / 8 * angle, 2 * third_of_double * angle},
+          {(2 * third_of_double - third) * angle, sinc2 / 2 * angle}}}};
     const double scale[2][2] = {{dt_s * dt_s * dt_s, dt_s * dt_s}, {dt_s * dt_s, dt_s}};
     for (int i = 0; i < 2; ++i) {
         for (int j = 0; j < 2; ++j) {
@@ -148,10 +148,9 @@ StarState turn_curvature(const Lens &lens, const Point &uv, const Vector3 &rate_
     const Point after = distort(lens.terms, end);
     const Point before_rate = velocity_of(image_flow(lens, begin), rate_rad_s);
     const Point after_rate = velocity_of(image_flow(lens, end), rate_rad_s);
-    return {{after.x * lens.fx + lens.cx - uv.x - before_rate.x * dt_s,
-             after_rate.x - before_rate.x,
-             after.y * lens.fy + lens.cy - uv.y - before_rate.y * dt_s,
-             after_rate.y - before_rate.y}};
+    return {
+        {after.x * lens.fx + lens.cx - uv.x - before_rate.x * dt_s, after_rate.x - before_rate.x,
+         after.y * lens.fy + lens.cy - uv.y - before_rate.y * dt_s, after_rate.y - before_rate.y}};
 }
 
 Matrix<4, 4> rolled(const Lens &lens, double rate_rad_s, double dt_s) {
