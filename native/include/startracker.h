@@ -303,6 +303,7 @@ typedef enum {
     ST_REASON_IDENTIFIED_TWICE,    /* stars */
     ST_REASON_HINT_AGREES,         /* stars */
     ST_REASON_PREDICTION_AGREES,   /* stars */
+    ST_REASON_STARS_ELSEWHERE,     /* frames that were not used, stars identified in the last */
     ST_REASON_CHECK_CONTRADICTS,   /* deg between an identification and the tracks */
     ST_REASON_NO_STARS,            /* s */
     ST_REASON_DIVERGED,            /* frames in a row, limit in sigma, last innovation in sigma */

@@ -25,6 +25,12 @@ double zero_point(const TrackBank &bank, const SkyFile &file, Arena &work) {
     return count == 0 ? NAN : median(measured, count);
 }
 
+size_t match_new_stars_bytes(int stars, int centroids) {
+    const auto n = static_cast<size_t>(stars), m = static_cast<size_t>(centroids);
+    return Arena::padded<Point>(m) + Arena::padded<double>(m) + Arena::padded<int>(m) +
+           Arena::padded<StarInView>(n) + Arena::padded<bool>(n) + 2 * Arena::padded<int>(n);
+}
+
 void match_new_stars(const ApparentSky &sky, const Quaternion &attitude, const Matrix3 &covariance,
                      const Lens &lens, const FreeCentroid *free, int count, double zero_point,
                      double magnitude_tolerance, StarsInView &view, List<NewStar> &found,

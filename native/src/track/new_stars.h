@@ -34,6 +34,9 @@ struct NewStar {
 /// one has no positive flux.
 double zero_point(const TrackBank &bank, const SkyFile &file, Arena &work);
 
+/// Return the bytes of work memory of match_new_stars(), for so many stars in view.
+size_t match_new_stars_bytes(int stars, int centroids);
+
 /// List the unambiguous pairs of stars and centroids, by the brightness of the stars.
 ///
 /// zero_point is the magnitude of 1 DN; covariance that of the attitude, rad^2 on sensor axes. A pair
