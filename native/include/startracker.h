@@ -544,12 +544,13 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
  * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
 ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
-/* ---- trackers: so far only of the stage ST_EXTRACTS, others are ST_NO_STAGE ------------------ */
+/* ---- trackers: so far without the stage ST_IDENTIFIES, which is ST_NO_STAGE ------------------ */
 
 /* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
-/* Bytes of memory that st_create needs. sky may be null for trackers that only extract. */
+/* Bytes of memory that st_create needs. sky may be null for trackers that only extract; st_check_sky
+ * must have found it sound. */
 ST_API st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                          size_t *bytes);
 
@@ -572,24 +573,9 @@ ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_imag
 ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
 ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
 
-/* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
-#ifdef ST_PLANNED
-
-/* Other options without loss of lock; ST_READ_ONLY for those that docs/parameters.md does not
- * mark as live. */
+/* Other options without loss of lock; ST_READ_ONLY for those that docs/parameters.md does not mark
+ * as live, which fault (may be null) names. Lists keep their capacities. */
 ST_API st_status st_change_options(st_tracker *tracker, const st_config *config, st_fault *fault);
-
-/* A whole frame: extraction, tracking, identification where due, trust. A stamp that is older
- * than the one before by more than 1 s restarts the tracker; else it is not used. */
-ST_API st_status st_process_image(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
-                                  st_result *result);
-
-/* The same of centroids. exposure_s (2) are the least and largest exposure, null where unknown;
- * windowed: only predicted stars were measured, which is no check of the tracks. */
-ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
-                                      const st_centroid *centroids, size_t count,
-                                      const double *exposure_s, int32_t windowed,
-                                      st_result *result);
 
 /* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
 ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
@@ -603,22 +589,13 @@ ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
 /* The attitude at a time near its own, by rate and acceleration, with its covariance. */
 ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
 
-/* Lists of the last call, as st_centroids. */
-ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
-ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
-ST_API const st_prediction *st_predictions(const st_tracker *tracker, size_t *count);
-
-/* Single stages, for parts of the system in separate processes. */
-
 /* 1 where the next frame needs an identification: not while tracking unless a check is due. */
 ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,
                                         st_state state, int32_t windowed);
 
-/* Another thread may set *stop to end the search; null: it runs to its end or most_work_s. */
-ST_API st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
-                             size_t count, const volatile uint32_t *stop,
-                             st_identification *identification);
-
+/* exposure_s (2) are the least and the largest exposure, null where unknown. ST_NOT_NEWER for a stamp
+ * that is not newer than the one before: the frame is not used, but counted in late_frames. One that
+ * is older by more than 1 s restarts the tracking. */
 ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
                           size_t count, const double *exposure_s, st_tracking *tracking);
 
@@ -626,10 +603,17 @@ ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centro
  * between two frames it saves that time. */
 ST_API st_status st_prepare(st_tracker *tracker);
 
-/* An identification made elsewhere, for st_track; it may come some frames late. */
+/* An identification made elsewhere, for the tracking, whose state is then tracking; it may come some
+ * frames late. */
 ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
                                        const st_centroid *centroids,
-                                       const st_identified *identified, size_t count);
+                                       const st_identified *identified, size_t count,
+                                       st_tracking *tracking);
+
+/* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
+ * where there is no attitude. */
+ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
+ST_API const st_prediction *st_predictions(st_tracker *tracker, size_t *count);
 
 /* tracked is that of the tracking; null: solved from the tracks. */
 ST_API st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *tracks,
@@ -638,6 +622,29 @@ ST_API st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_t
 ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
                                 const st_centroid *centroids, const st_identified *identified,
                                 size_t count, st_trusted *trusted);
+
+/* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
+#ifdef ST_PLANNED
+
+/* A whole frame: extraction, tracking, identification where due, trust. A stamp that is older
+ * than the one before by more than 1 s restarts the tracker; else it is not used. */
+ST_API st_status st_process_image(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
+                                  st_result *result);
+
+/* The same of centroids. exposure_s (2) are the least and largest exposure, null where unknown;
+ * windowed: only predicted stars were measured, which is no check of the tracks. */
+ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
+                                      const st_centroid *centroids, size_t count,
+                                      const double *exposure_s, int32_t windowed,
+                                      st_result *result);
+
+/* The list of the last call, as st_centroids. */
+ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
+
+/* Another thread may set *stop to end the search; null: it runs to its end or most_work_s. */
+ST_API st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
+                             size_t count, const volatile uint32_t *stop,
+                             st_identification *identification);
 
 #endif /* ST_PLANNED */
 

@@ -11,7 +11,7 @@
 #include <cstddef>
 #include <cstring>
 
-#include "startracker.h"
+#include "tracker.h"
 
 namespace st {
 namespace {
@@ -55,12 +55,17 @@ struct Option {
     size_t offset;
     Kind kind;
     double standard, least, most;
+    bool live;  // st_change_options() takes it
 };
 
-#define NUMBER(option, standard, least, most) \
-    {#option, offsetof(st_config, option), Kind::NUMBER, standard, least, most}
-#define WHOLE(option, standard, least, most) \
-    {#option, offsetof(st_config, option), Kind::WHOLE, standard, least, most}
+#define OPTION(kind, option, standard, least, most, live) \
+    { #option, offsetof(st_config, option), Kind::kind, standard, least, most, live }
+#define NUMBER(option, standard, least, most) OPTION(NUMBER, option, standard, least, most, false)
+#define WHOLE(option, standard, least, most) OPTION(WHOLE, option, standard, least, most, false)
+#define LIVE_NUMBER(option, standard, least, most) \
+    OPTION(NUMBER, option, standard, least, most, true)
+#define LIVE_WHOLE(option, standard, least, most) \
+    OPTION(WHOLE, option, standard, least, most, true)
 
 // Those of the Python classes of options, which a test compares with these.
 constexpr Option OPTIONS[] = {
@@ -94,18 +99,18 @@ constexpr Option OPTIONS[] = {
     NUMBER(tracking.magnitude_limit, 11.0, 0.0, 11.0),
     NUMBER(tracking.acceleration_deg_s2, 0.005, 1e-6, 100.0),
     NUMBER(tracking.roll_acceleration_deg_s2, 0.005, 1e-6, 100.0),
-    NUMBER(tracking.sigma_floor_px, 0.01, 1e-4, 10.0),
+    LIVE_NUMBER(tracking.sigma_floor_px, 0.01, 1e-4, 10.0),
     NUMBER(tracking.detection_probability, 0.95, 0.01, 0.999),
     NUMBER(tracking.gate_probability, 0.9999, 0.5, 0.999999),
-    NUMBER(tracking.magnitude_tolerance, 1.0, 0.05, 20.0),
-    NUMBER(tracking.max_residual_px, 1.0, 0.01, 100.0),
-    NUMBER(tracking.max_rate_deg_s, 10.0, 0.001, 100.0),
-    NUMBER(tracking.max_gap_s, 5.0, 0.01, 600.0),
-    WHOLE(tracking.max_stars, 40, 4, 500),
-    WHOLE(tracking.min_stars, 4, 3, 100),
-    WHOLE(tracking.max_missed, 5, 0, 200),
-    WHOLE(tracking.confirm_frames, 3, 1, 100),
-    WHOLE(tracking.max_bad_frames, 5, 1, 1000),
+    LIVE_NUMBER(tracking.magnitude_tolerance, 1.0, 0.05, 20.0),
+    LIVE_NUMBER(tracking.max_residual_px, 1.0, 0.01, 100.0),
+    LIVE_NUMBER(tracking.max_rate_deg_s, 10.0, 0.001, 100.0),
+    LIVE_NUMBER(tracking.max_gap_s, 5.0, 0.01, 600.0),
+    LIVE_WHOLE(tracking.max_stars, 40, 4, 500),
+    LIVE_WHOLE(tracking.min_stars, 4, 3, 100),
+    LIVE_WHOLE(tracking.max_missed, 5, 0, 200),
+    LIVE_WHOLE(tracking.confirm_frames, 3, 1, 100),
+    LIVE_WHOLE(tracking.max_bad_frames, 5, 1, 1000),
     WHOLE(tracking.model, ST_ATTITUDE_MODEL, 0, ST_MODEL_COUNT - 1),
     WHOLE(tracking.solver, ST_QUEST, 0, ST_TRIAD),
     WHOLE(tracking.association, ST_POISSON, 0, ST_ASSOCIATION_COUNT - 1),
@@ -115,15 +120,18 @@ constexpr Option OPTIONS[] = {
     NUMBER(gyro.gyro_noise_deg_sqrt_h, 0.15, 0.0, 100.0),
     NUMBER(gyro.gyro_range_deg_s, 100.0, 0.1, 100.0),
     NUMBER(gyro.gyro_rate_change_deg_s2, 0.1, 0.0, 1000.0),
-    NUMBER(trust.max_residual_px, 1.0, 0.01, 100.0),
-    NUMBER(trust.misleading_probability, 1e-7, 1e-12, 0.1),
-    NUMBER(trust.false_star_probability, 1e-5, 1e-9, 0.01),
-    WHOLE(trust.solver, ST_QUEST, 0, ST_TRIAD),
-    WHOLE(trust.min_stars, 4, 2, 100),
+    LIVE_NUMBER(trust.max_residual_px, 1.0, 0.01, 100.0),
+    LIVE_NUMBER(trust.misleading_probability, 1e-7, 1e-12, 0.1),
+    LIVE_NUMBER(trust.false_star_probability, 1e-5, 1e-9, 0.01),
+    LIVE_WHOLE(trust.solver, ST_QUEST, 0, ST_TRIAD),
+    LIVE_WHOLE(trust.min_stars, 4, 2, 100),
 };
 
+#undef OPTION
 #undef NUMBER
 #undef WHOLE
+#undef LIVE_NUMBER
+#undef LIVE_WHOLE
 
 double value_of(const st_config &config, const Option &option) {
     const auto *place = reinterpret_cast<const unsigned char *>(&config) + option.offset;
@@ -163,6 +171,19 @@ bool options_are_possible(const st_config &config, st_fault *fault) {
 }
 
 }  // namespace
+
+bool only_live_differ(const st_config &config, const st_config &before, st_fault *fault) {
+    for (const Option &option : OPTIONS) {
+        const double value = value_of(config, option), is = value_of(before, option);
+        if (!option.live && value != is) {
+            return refuse(fault, option.name, value, is, is);
+        }
+    }
+    const double year = config.epoch_year, is = before.epoch_year;
+    return year == is || (std::isnan(year) && std::isnan(is)) ||
+           refuse(fault, "epoch_year", year, is, is);
+}
+
 }  // namespace st
 
 using namespace st;

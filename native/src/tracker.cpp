@@ -5,11 +5,13 @@
 
 #include "tracker.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <new>
 
 #include "centroid/spots.h"
+#include "sky/epoch.h"
 
 using namespace st;
 
@@ -18,12 +20,8 @@ namespace {
 constexpr int64_t MOST_PIXELS = int64_t{1} << 27;
 constexpr int DERIVED_PREDICTIONS = 1000;
 
-int most_centroids(const st_config &config) {
-    const st_extraction_options &options = config.extraction;
-    const int most =
-        options.max_stars > options.max_stars_lost ? options.max_stars : options.max_stars_lost;
-    return config.capacities.centroids > 0 ? config.capacities.centroids
-                                           : most + options.max_stars;
+bool needs_sky(const st_config &config) {
+    return (config.stages & ~ST_EXTRACTS) != 0;
 }
 
 /// What a tracker needs: itself, what stays between calls, and work memory.
@@ -31,19 +29,41 @@ struct Bytes {
     size_t kept, work;
 };
 
-Bytes bytes_of(const st_config &config, int width, int height) {
-    const ExtractionLimits limits = limits_of(config, width, height);
-    const auto predictions = static_cast<size_t>(most_predictions(config));
+size_t extraction_work_bytes(const st_config &config, int width, int height) {
     const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
-    return {Arena::padded<st_tracker>(1) + stage_bytes(config, width, height) +
-                Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
-                Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected)),
-            Arena::padded<std::byte>(work_bytes(width, height, limits)) +
-                8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels)};
+    return Arena::padded<std::byte>(work_bytes(width, height, limits_of(config, width, height))) +
+           8 * Arena::padded<Place>(static_cast<size_t>(most_predictions(config))) +
+           Arena::padded<uint16_t>(pixels);
 }
 
-/// Whether a tracker of these options and camera is possible.
-st_status check(const st_config *config, const st_camera *camera, st_fault *fault) {
+Bytes bytes_of(const st_config &config, const st_camera &camera, const SkyFile &sky) {
+    const int width = camera.width_px, height = camera.height_px;
+    const Lens lens = lens_of(camera);
+    Bytes bytes{Arena::padded<st_tracker>(1), 0};
+    if ((config.stages & ST_EXTRACTS) != 0) {
+        const ExtractionLimits limits = limits_of(config, width, height);
+        bytes.kept += stage_bytes(config, width, height) +
+                      Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
+                      Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));
+        bytes.work = extraction_work_bytes(config, width, height);
+    }
+    if (needs_sky(config)) {
+        bytes.kept += Arena::padded<ApparentSky>(1) + apparent_sky_bytes(sky);
+    }
+    if ((config.stages & ST_TRACKS) != 0) {
+        bytes.kept += Arena::padded<TrackingStage>(1) + tracking_bytes(config, sky, lens);
+        bytes.work = std::max(bytes.work, tracking_work_bytes(config, sky, lens));
+    }
+    if ((config.stages & ST_TRUSTS) != 0) {
+        bytes.kept += Arena::padded<TrustStage>(1);
+        bytes.work = std::max(bytes.work, trust_work_bytes(most_centroids(config)));
+    }
+    return bytes;
+}
+
+/// Whether a tracker of these options, camera and sky is possible.
+st_status check(const st_config *config, const st_camera *camera, const st_sky *sky,
+                SkyFile &opened, st_fault *fault) {
     st_status status = st_check_config(config, fault);
     if (status == ST_OK) {
         status = st_check_camera(camera, fault);
@@ -58,7 +78,19 @@ st_status check(const st_config *config, const st_camera *camera, st_fault *faul
         }
         return ST_OUT_OF_RANGE;
     }
-    return config->stages == ST_EXTRACTS ? ST_OK : ST_NO_STAGE;
+    if ((config->stages & ST_IDENTIFIES) != 0) {
+        return ST_NO_STAGE;
+    }
+    if (!needs_sky(*config)) {
+        return ST_OK;
+    }
+    if (sky == nullptr || sky->file == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (reinterpret_cast<uintptr_t>(sky->file) % ALIGNMENT != 0) {
+        return ST_MISALIGNED;
+    }
+    return open_sky(*sky, opened, fault) ? ST_OK : ST_BAD_SKY;
 }
 
 /// Whether predictions are finite, stars first.
@@ -92,17 +124,16 @@ st_centroid in_camera(st_centroid star, double cell) {
     return star;
 }
 
-template <class T>
-const T *listed(const List<T> &list, size_t *count) {
-    if (count != nullptr) {
-        *count = static_cast<size_t>(list.count);
-    }
-    return list.item;
-}
-
 }  // namespace
 
 namespace st {
+
+int most_centroids(const st_config &config) {
+    const st_extraction_options &options = config.extraction;
+    return config.capacities.centroids > 0
+               ? config.capacities.centroids
+               : std::max(options.max_stars, options.max_stars_lost) + options.max_stars;
+}
 
 int most_predictions(const st_config &config) {
     return config.capacities.predictions > 0 ? config.capacities.predictions : DERIVED_PREDICTIONS;
@@ -177,25 +208,27 @@ void publish(st_tracker &tracker, const Extraction &found, double cell,
 
 extern "C" {
 
-st_status st_size(const st_config *config, const st_camera *camera, const st_sky *,
+st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                   size_t *bytes) {
     if (bytes == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check(config, camera, nullptr);
+    SkyFile opened{};
+    const st_status status = check(config, camera, sky, opened, nullptr);
     if (status == ST_OK) {
-        const Bytes needed = bytes_of(*config, camera->width_px, camera->height_px);
+        const Bytes needed = bytes_of(*config, *camera, opened);
         *bytes = needed.kept + needed.work;
     }
     return status;
 }
 
 st_status st_create(void *memory, size_t bytes, const st_config *config, const st_camera *camera,
-                    const st_sky *, st_tracker **tracker, st_fault *fault) {
+                    const st_sky *sky, st_tracker **tracker, st_fault *fault) {
     if (memory == nullptr || tracker == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check(config, camera, fault);
+    SkyFile opened{};
+    const st_status status = check(config, camera, sky, opened, fault);
     if (status != ST_OK) {
         return status;
     }
@@ -203,19 +236,35 @@ st_status st_create(void *memory, size_t bytes, const st_config *config, const s
         return ST_MISALIGNED;
     }
     const int width = camera->width_px, height = camera->height_px;
-    const Bytes needed = bytes_of(*config, width, height);
+    const Bytes needed = bytes_of(*config, *camera, opened);
     if (bytes < needed.kept + needed.work) {
         return ST_TOO_LITTLE_MEMORY;
     }
+    const Lens lens = lens_of(*camera);
     Arena kept(memory, needed.kept);
     auto *made = new (kept.take<st_tracker>(1)) st_tracker{};
     made->config = *config;
     made->width = width;
     made->height = height;
-    made->extraction = ExtractionStage(*config, width, height, kept);
-    made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(*config)));
-    made->rejected =
-        kept.list<st_rejected>(static_cast<size_t>(limits_of(*config, width, height).rejected));
+    made->sky_file = opened;
+    if ((config->stages & ST_EXTRACTS) != 0) {
+        made->extraction = ExtractionStage(*config, width, height, kept);
+        made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(*config)));
+        made->rejected = kept.list<st_rejected>(
+            static_cast<size_t>(limits_of(*config, width, height).rejected));
+    }
+    if (needs_sky(*config)) {
+        made->sky = new (kept.take<ApparentSky>(1)) ApparentSky{};
+        start_sky(made->sky_file, epoch_after(opened.epoch_year, config->epoch_year), kept,
+                  *made->sky);
+    }
+    if ((config->stages & ST_TRACKS) != 0) {
+        made->tracking =
+            new (kept.take<TrackingStage>(1)) TrackingStage(*config, lens, *made->sky, kept);
+    }
+    if ((config->stages & ST_TRUSTS) != 0) {
+        made->trust = new (kept.take<TrustStage>(1)) TrustStage(*config, lens, *made->sky);
+    }
     made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
     *tracker = made;
     return ST_OK;
@@ -228,6 +277,13 @@ st_status st_reset(st_tracker *tracker) {
     tracker->extraction.reset();
     tracker->centroids.clear();
     tracker->rejected.clear();
+    tracker->was_identified = false;
+    if (tracker->tracking != nullptr) {
+        tracker->tracking->reset();
+    }
+    if (tracker->trust != nullptr) {
+        tracker->trust->validator.reset();
+    }
     return ST_OK;
 }
 
@@ -237,6 +293,9 @@ st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *imag
     if (tracker == nullptr || image == nullptr || image->pixels == nullptr ||
         extraction == nullptr || (predictions == nullptr && count > 0)) {
         return ST_NULL_POINTER;
+    }
+    if ((tracker->config.stages & ST_EXTRACTS) == 0) {
+        return ST_NO_STAGE;
     }
     if (!is_of_camera(*tracker, *image)) {
         return ST_BAD_IMAGE;

@@ -27,4 +27,20 @@ Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
     return P;
 }
 
+bool common_error(const st_centroid *centroids, int count, Covariance2 &common) {
+    const st_centroid *largest = nullptr;
+    bool any = false;
+    for (const st_centroid *one = centroids; one < centroids + count; ++one) {
+        any = any || one->common_uu_px2 != 0 || one->common_uv_px2 != 0 || one->common_vv_px2 != 0;
+        if (largest == nullptr || one->common_uu_px2 + one->common_vv_px2 >
+                                      largest->common_uu_px2 + largest->common_vv_px2) {
+            largest = one;
+        }
+    }
+    if (any) {
+        common = {largest->common_uu_px2, largest->common_uv_px2, largest->common_vv_px2};
+    }
+    return any;
+}
+
 }  // namespace st

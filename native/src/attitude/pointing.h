@@ -19,6 +19,9 @@ namespace st {
 Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
                             const Vector3 *rate_rad_s);
 
+/// Fill in the covariance px^2 of the error that all centroids (count) share; false without one.
+bool common_error(const st_centroid *centroids, int count, Covariance2 &common);
+
 /// Return the angle of a pixel at the centre, the mean of both axes.
 inline double pixel_angle(const Lens &lens) {
     return 1 / std::sqrt(lens.fx * lens.fy);

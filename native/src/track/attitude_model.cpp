@@ -8,6 +8,7 @@
 
 #include "attitude/error_budget.h"
 #include "attitude/pointing.h"
+#include "attitude/results.h"
 #include "filter/rolling_shutter.h"
 #include "integrity/checks.h"
 #include "maths/symmetric.h"
@@ -182,7 +183,7 @@ void AttitudeModel::resume(const Motion &before) {
 // --- a frame: predict, associate, update, check ---
 
 /// Update by the first hypothesis that the stars confirm, or keep the nominal one.
-void AttitudeModel::update(int64_t stamp_ns, const Frame &frame, const ApparentSky &sky,
+void AttitudeModel::update(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
                            const Gyro &gyro, TrackBank &bank, FrameUpdate &update, Arena &arena) {
     // Of steps whose results stay in the arena.
     const size_t bytes = correction_work_bytes(bank.count, frame.count);
@@ -293,7 +294,7 @@ bool AttitudeModel::is_saturated(int64_t stamp_ns, const Gyro &gyro) const {
 
 // --- associate ---
 
-AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Frame &frame,
+AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const CentroidFrame &frame,
                                                 const ApparentSky &sky, const TrackBank &bank,
                                                 Arena &arena, Arena &work) const {
     const auto tracks = static_cast<size_t>(bank.count), count = static_cast<size_t>(frame.count);
@@ -331,7 +332,7 @@ AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Frame &f
     made.scaled = scaled_error;
     made.delay_s = made.rolling ? delay_s : nullptr;
     Covariance2 common;
-    made.has_common = common_error(frame, common);
+    made.has_common = common_error(frame.centroid, frame.count, common);
     if (made.has_common) {
         made.common = pointing_covariance(lens_, common, &state_.rate_rad_s);
     }
@@ -345,7 +346,7 @@ Correction AttitudeModel::corrected(const Hypothesis &hypothesis, const Measured
     if (measured.has_common) {
         add_block(measured.common, 0, predicted.covariance);
     }
-    const Frame &frame = measured.frame;
+    const CentroidFrame &frame = measured.frame;
     auto *uv = arena.take<Point>(static_cast<size_t>(frame.count));
     const Vector3 acceleration = measured.rolling ? hypothesis.acceleration() : Vector3{};
     for (int m = 0; m < frame.count; ++m) {
@@ -503,7 +504,7 @@ void AttitudeModel::set_motion(bool uses_gyro) {
 ///
 /// The fit of a long streak sees its ends, whose middle is T^2 / 8 - T^2 / 24 of the acceleration
 /// away, along the motion.
-Matrix3 AttitudeModel::by_streaks(const Frame &frame, const Vector3 &rate_rad_s) const {
+Matrix3 AttitudeModel::by_streaks(const CentroidFrame &frame, const Vector3 &rate_rad_s) const {
     const double speed2 = square(rate_rad_s);
     if (speed2 == 0 || !are_streaks(frame)) {
         return {};
@@ -520,7 +521,7 @@ Matrix3 AttitudeModel::by_streaks(const Frame &frame, const Vector3 &rate_rad_s)
 void AttitudeModel::follow_tracks(const Correction &correction, const Measured &measured,
                                   const Vector3 &acceleration_rad_s2, bool used, TrackBank &bank,
                                   FrameUpdate &update, Arena &arena) {
-    const Frame &frame = measured.frame;
+    const CentroidFrame &frame = measured.frame;
     const auto centroids = static_cast<size_t>(frame.count);
     const auto count = static_cast<size_t>(correction.count);
     update.frame = frame;
@@ -577,7 +578,7 @@ void AttitudeModel::follow_tracks(const Correction &correction, const Measured &
 /// Stars whose flux jumps within the exposure are not seen at its mean, and rows of a rolling shutter
 /// are exposed before and after. A frame whose stamp errs looks like a jump as well.
 void AttitudeModel::doubt_jump(const AttitudeState &before, const Hypothesis &hypothesis,
-                               const Frame &frame) {
+                               const CentroidFrame &frame) {
     if (hypothesis.motion == nullptr) {
         return;
     }
@@ -684,7 +685,7 @@ void AttitudeModel::compare_gyro(int64_t before_ns, bool was_used, const TrackBa
         contradict_agreement(agreement_);
     } else {
         st_budget budget{};
-        set_term(measured_covariance_, budget.stars);
+        set(measured_covariance_, budget.stars);
         add_lasting_errors(lens_, bank, sky, lasting_errors(), nullptr, measured_quaternion_,
                            budget, arena);
         contradicts = add_frame(gyro,
@@ -716,18 +717,18 @@ LastingErrors AttitudeModel::lasting_errors() const {
 st_budget AttitudeModel::budget(const Matrix3 &own, bool of_frame) const {
     st_budget budget{};
     if (!has_measured_) {
-        set_term(own, budget.stars);
+        set(own, budget.stars);
         return budget;
     }
-    set_term(outer(shutter_rad_, shutter_rad_), budget.shutter);
-    set_term(common_, budget.exposure);
+    set(outer(shutter_rad_, shutter_rad_), budget.shutter);
+    set(common_, budget.exposure);
     if (of_frame) {
-        set_term(own - common_, budget.stars);
+        set(own - common_, budget.stars);
         return budget;
     }
     const Matrix3 motion = own - block(state_.covariance, 0, 0);
-    set_term(own - motion - common_, budget.stars);
-    set_term(motion, budget.motion);
+    set(own - motion - common_, budget.stars);
+    set(motion, budget.motion);
     return budget;
 }
 
@@ -736,17 +737,11 @@ bool AttitudeModel::predicted(st_hint &hint) const {
         return false;
     }
     const AttitudeState state = state_of(motion_, weights_of(motion_.weight, SMOOTH));
-    const Quaternion &q = state.quaternion;
     hint.stamp_ns = state.stamp_ns;
-    const double quaternion[4] = {q.x, q.y, q.z, q.w};
-    for (int i = 0; i < 4; ++i) {
-        hint.quaternion[i] = quaternion[i];
-    }
-    for (int i = 0; i < 3; ++i) {
-        hint.rate_rad_s[i] = state.rate_rad_s[i];
-    }
-    set_term(block(state.covariance, 0, 0), hint.covariance_rad2);
-    set_term(block(state.covariance, 3, 3), hint.rate_covariance);
+    set(state.quaternion, hint.quaternion);
+    set(state.rate_rad_s, hint.rate_rad_s);
+    set(block(state.covariance, 0, 0), hint.covariance_rad2);
+    set(block(state.covariance, 3, 3), hint.rate_covariance);
     return true;
 }
 

@@ -54,8 +54,8 @@ public:
 
     /// Predict the tracks to the time of a newer frame, of this sky, associate its centroids, update
     /// the state, check it. What update has is in memory of the arena.
-    void update(int64_t stamp_ns, const Frame &frame, const ApparentSky &sky, const Gyro &gyro,
-                TrackBank &bank, FrameUpdate &update, Arena &arena);
+    void update(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
+                const Gyro &gyro, TrackBank &bank, FrameUpdate &update, Arena &arena);
 
     /// Return the errors of an attitude of the last frame: that of the filter, of covariance own, or
     /// that of the stars of the frame alone; without those that last from frame to frame.
@@ -116,7 +116,7 @@ private:
     /// A frame as the model takes it: errors scaled, and the error that all stars share.
     struct Measured {
         int64_t stamp_ns;
-        Frame frame;
+        CentroidFrame frame;
         bool sparse, rolling;
         int tracks;
         const Vector3 *icrf;       // of the tracks
@@ -131,7 +131,7 @@ private:
         Arena *work;
     };
 
-    Measured measured(int64_t stamp_ns, const Frame &frame, const ApparentSky &sky,
+    Measured measured(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
                       const TrackBank &bank, Arena &arena, Arena &work) const;
     void explain(const Measured &measured, const Gyro &gyro, Explanation &nominal,
                  Explanation &confirmed, Arena &arena);
@@ -148,8 +148,9 @@ private:
                     TrackBank &bank, FrameUpdate &update, Arena &arena);
     void update_by(const Explanation &confirmed, const Measured &measured);
     void set_motion(bool uses_gyro);
-    Matrix3 by_streaks(const Frame &frame, const Vector3 &rate_rad_s) const;
-    void doubt_jump(const AttitudeState &before, const Hypothesis &hypothesis, const Frame &frame);
+    Matrix3 by_streaks(const CentroidFrame &frame, const Vector3 &rate_rad_s) const;
+    void doubt_jump(const AttitudeState &before, const Hypothesis &hypothesis,
+                    const CentroidFrame &frame);
     void doubt_shutter(const Correction &correction);
     void follow_tracks(const Correction &correction, const Measured &measured,
                        const Vector3 &acceleration_rad_s2, bool used, TrackBank &bank,

@@ -13,7 +13,7 @@
 namespace st {
 
 /// The centroids of a frame, and the least and the largest exposure it may have had.
-struct Frame {
+struct CentroidFrame {
     const st_centroid *centroid;
     int count;
     double exposure_s[2];
@@ -28,13 +28,10 @@ inline double sigma_of(const st_centroid &centroid, double floor_px) {
 }
 
 /// Whether rows are exposed one after another.
-bool is_rolling(const Frame &frame);
+bool is_rolling(const CentroidFrame &frame);
 
 /// Whether the errors are those of streaks: not the same along and across.
-bool are_streaks(const Frame &frame);
-
-/// Fill in the covariance px^2 of the error that all stars share; false where there is none.
-bool common_error(const Frame &frame, Covariance2 &common);
+bool are_streaks(const CentroidFrame &frame);
 
 /// What a frame did to the tracks. Lists are in the memory of the frame.
 ///
@@ -49,7 +46,7 @@ struct FrameUpdate {
     int inliers;
     double residual_px, chi2, scale;
     const double *normalised;
-    Frame frame;
+    CentroidFrame frame;
     const bool *unassociated;
     bool has_residuals;
     List<DetectedStar> detected;

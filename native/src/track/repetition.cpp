@@ -9,7 +9,7 @@
 
 namespace st {
 
-bool Repetition::add(const Frame &frame) {
+bool Repetition::add(const CentroidFrame &frame) {
     if (frame.count == 0) {
         return false;
     }

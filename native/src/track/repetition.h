@@ -23,7 +23,7 @@ public:
 
     /// Add a frame; return whether it is the one before, of a source whose frames have differed. A
     /// frame that is shown again and again from the start is no fault.
-    bool add(const Frame &frame);
+    bool add(const CentroidFrame &frame);
 
 private:
     List<Point> before_;

@@ -3,16 +3,11 @@
 
 #include "track/systematic.h"
 
-#include <cstring>
-
 #include "attitude/pointing.h"
 #include "integrity/systematic_errors.h"
+#include "attitude/results.h"
 
 namespace st {
-
-void set_term(const Matrix3 &covariance, double (&term)[3][3]) {
-    std::memcpy(term, covariance.row, sizeof term);
-}
 
 size_t lasting_errors_bytes(int tracks) {
     const auto count = static_cast<size_t>(tracks);
@@ -52,14 +47,14 @@ void add_lasting_errors(const Lens &lens, const TrackBank &bank, const SkyFile &
     }
     const FittedStars stars{count, sensor, sigma_rad, motion};
     if (velocity_sigma > 0) {
-        set_term(velocity_covariance(velocity_sigma, stars), budget.observer);
+        set(velocity_covariance(velocity_sigma, stars), budget.observer);
     }
     if (errors.lens_error_px > 0 || errors.lens_scale != 0) {
-        set_term(lens_covariance(pixel_rad * errors.lens_error_px, errors.lens_scale, stars),
-                 budget.lens);
+        set(lens_covariance(pixel_rad * errors.lens_error_px, errors.lens_scale, stars),
+            budget.lens);
     }
     if (epoch_sigma != 0) {
-        set_term(epoch_covariance(attitude, epoch_sigma, stars), budget.epoch);
+        set(epoch_covariance(attitude, epoch_sigma, stars), budget.epoch);
     }
 }
 

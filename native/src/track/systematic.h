@@ -26,7 +26,4 @@ void add_lasting_errors(const Lens &lens, const TrackBank &bank, const SkyFile &
 /// Bytes of work memory of so many tracks.
 size_t lasting_errors_bytes(int tracks);
 
-/// Set a term of a budget.
-void set_term(const Matrix3 &covariance, double (&term)[3][3]);
-
 }  // namespace st

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "attitude/error_budget.h"
+#include "attitude/results.h"
 #include "integrity/checks.h"
 #include "integrity/expected_stars.h"
 #include "maths/sorting.h"
@@ -25,43 +26,10 @@ double seconds(int64_t ns) {
     return static_cast<double>(ns) * 1e-9;
 }
 
-Vector3 vector_of(const double (&values)[3]) {
-    return {{values[0], values[1], values[2]}};
-}
-
-Matrix3 matrix_of(const double (&values)[3][3]) {
-    Matrix3 made;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            made[i][j] = values[i][j];
-        }
-    }
-    return made;
-}
-
-Quaternion quaternion_of(const double (&q)[4]) {
-    return {q[0], q[1], q[2], q[3]};
-}
-
-void set(const Quaternion &q, double (&values)[4]) {
-    values[0] = q.x;
-    values[1] = q.y;
-    values[2] = q.z;
-    values[3] = q.w;
-}
-
-void set(const Vector3 &v, double (&values)[3]) {
-    for (int i = 0; i < 3; ++i) {
-        values[i] = v[i];
-    }
-}
-
 bool is_usable(const st_centroid &one) {
     return std::isfinite(one.u_px) && std::isfinite(one.v_px) && std::isfinite(one.sigma_px) &&
            one.sigma_px > 0;
 }
-
-const Matrix3 UNKNOWN{{{NAN, NAN, NAN}, {NAN, NAN, NAN}, {NAN, NAN, NAN}}};
 
 TrackedAttitude attitude_of(const IdentifiedFrame &frame) {
     return {frame.stamp_ns, frame.quaternion, frame.covariance, NAN, NAN, frame.star.count};
@@ -75,14 +43,13 @@ st_tracking_options with_room(st_tracking_options options, int tracks) {
 
 }  // namespace
 
-TrackFilter::TrackFilter(const st_config &config, const Lens &lens, const SkyFile &file,
+TrackFilter::TrackFilter(const st_config &config, const Lens &lens, ApparentSky &sky,
                          const TrackCapacities &capacities, Arena &arena)
-    : options_(config.tracking), lens_(lens), frames_(capacities.frames) {
+    : options_(config.tracking), lens_(lens), sky_(&sky), frames_(capacities.frames) {
     const auto tracks = static_cast<size_t>(capacities.tracks);
     const auto centroids = static_cast<size_t>(capacities.centroids);
     const auto frames = static_cast<size_t>(capacities.frames);
     const auto rates = static_cast<size_t>(capacities.rates);
-    start_sky(file, {}, arena, sky);
     gyro.start(gyro_model(config.gyro), arena.take<MeasuredRate>(rates), capacities.rates);
     start_view(lens, capacities.view, arena, view_);
     if (is_attitude()) {
@@ -104,15 +71,13 @@ TrackFilter::TrackFilter(const st_config &config, const Lens &lens, const SkyFil
     reset();
 }
 
-size_t TrackFilter::bytes(const st_config &config, const SkyFile &sky,
-                          const TrackCapacities &capacities) {
+size_t TrackFilter::bytes(const st_config &config, const TrackCapacities &capacities) {
     const auto tracks = static_cast<size_t>(capacities.tracks);
     const auto centroids = static_cast<size_t>(capacities.centroids);
     const auto frames = static_cast<size_t>(capacities.frames);
     const auto rates = static_cast<size_t>(capacities.rates);
     const bool by_attitude = config.tracking.model == ST_ATTITUDE_MODEL;
-    return apparent_sky_bytes(sky) + Arena::padded<MeasuredRate>(rates) +
-           stars_in_view_bytes(capacities.view) +
+    return Arena::padded<MeasuredRate>(rates) + stars_in_view_bytes(capacities.view) +
            (by_attitude ? Arena::padded<Track>(tracks)
                         : star_model_bytes(with_room(config.tracking, capacities.tracks))) +
            Arena::padded<Point>(centroids) + Arena::padded<st_centroid>(centroids) +
@@ -172,7 +137,7 @@ bool TrackFilter::update(int64_t stamp_ns, const st_centroid *centroids, int cou
         reset();
         reason = reason_of(TIME_JUMP, {back_s});
     }
-    Frame frame = usable(centroids, count, nullptr, nullptr, arena);
+    CentroidFrame frame = usable(centroids, count, nullptr, nullptr, arena);
     frame.exposure_s[0] = exposure_s[0];
     frame.exposure_s[1] = exposure_s[1];
     const bool repeated = repetition_.add(frame);
@@ -206,10 +171,10 @@ void TrackFilter::identified(int64_t stamp_ns, const st_centroid *centroids,
         }
     }
     auto *hip = arena.take<int32_t>(static_cast<size_t>(count));
-    const Frame frame = usable(centroids, count, identified, hip, arena);
-    look(stamp_ns, sky);
+    const CentroidFrame frame = usable(centroids, count, identified, hip, arena);
+    look(stamp_ns, *sky_);
     st_reason misfit{};
-    if (!fit_identified(lens_, sky, options_, stamp_ns, frame.centroid, hip, frame.count,
+    if (!fit_identified(lens_, *sky_, options_, stamp_ns, frame.centroid, hip, frame.count,
                         identified_, misfit, arena)) {
         if (misfit.code != ST_NO_REASON && state == ST_LOST) {
             reason = misfit;
@@ -231,8 +196,8 @@ void TrackFilter::identified(int64_t stamp_ns, const st_centroid *centroids,
 
 /// Return the centroids with finite position and positive sigma, with hip of these where identified
 /// is given.
-Frame TrackFilter::usable(const st_centroid *centroids, int count, const st_identified *identified,
-                          int32_t *hip, Arena &arena) {
+CentroidFrame TrackFilter::usable(const st_centroid *centroids, int count,
+                                  const st_identified *identified, int32_t *hip, Arena &arena) {
     auto *good = arena.take<st_centroid>(static_cast<size_t>(count));
     int left = 0;
     for (int m = 0; m < count; ++m) {
@@ -247,7 +212,7 @@ Frame TrackFilter::usable(const st_centroid *centroids, int count, const st_iden
     return {good, left, {0.0, INFINITY}};
 }
 
-void TrackFilter::remember(int64_t stamp_ns, const Frame &frame) {
+void TrackFilter::remember(int64_t stamp_ns, const CentroidFrame &frame) {
     RecentFrame &recent = recent_[(first_recent_ + recents_) % frames_];
     if (recents_ < frames_) {
         ++recents_;
@@ -336,7 +301,7 @@ void TrackFilter::start(const Start &begin, Arena &arena) {
         add_track(frame.star[k], frame.centroid[k], true);
     }
     has_seen_ = true;
-    seen_zero_point_ = zero_point(bank(), *sky.file, arena);
+    seen_zero_point_ = zero_point(bank(), *sky_->file, arena);
     tracks_ns_ = good_ns_ = frame.stamp_ns;
     stars_matched = frame.star.count;
     frames_since_fix = 0;
@@ -351,7 +316,7 @@ void TrackFilter::cross_check(const IdentifiedFrame &frame, Arena &arena) {
         if (tracked.stamp_ns != frame.stamp_ns) {
             continue;
         }
-        if (contradicts(frame, tracked.quaternion, tracked.covariance, lens_, sky,
+        if (contradicts(frame, tracked.quaternion, tracked.covariance, lens_, *sky_,
                         options_.max_residual_px)) {
             const double error_deg =
                 norm(attitude_error(frame.quaternion, tracked.quaternion)) / DEG;
@@ -383,7 +348,7 @@ void TrackFilter::seen_elsewhere(const IdentifiedFrame &frame, Arena &arena) {
 // --- from frame to frame ---
 
 /// Update the tracks by a newer frame.
-void TrackFilter::track(int64_t stamp_ns, const Frame &frame, Arena &arena) {
+void TrackFilter::track(int64_t stamp_ns, const CentroidFrame &frame, Arena &arena) {
     if (gap_exceeded(stamp_ns, good_ns_)) {
         enter(ST_LOST, reason_of(NO_STARS, {seconds(stamp_ns - good_ns_)}));
     }
@@ -393,7 +358,7 @@ void TrackFilter::track(int64_t stamp_ns, const Frame &frame, Arena &arena) {
     acquire_new_stars(arena);
     before_ns_ = tracks_ns_;
     tracks_ns_ = stamp_ns;
-    look(stamp_ns, sky);
+    look(stamp_ns, *sky_);
     FrameUpdate update;
     update_model(stamp_ns, frame, update, arena);
     view_.lens = model_lens();
@@ -415,17 +380,17 @@ void TrackFilter::track(int64_t stamp_ns, const Frame &frame, Arena &arena) {
     }
 }
 
-void TrackFilter::update_model(int64_t stamp_ns, const Frame &frame, FrameUpdate &update,
+void TrackFilter::update_model(int64_t stamp_ns, const CentroidFrame &frame, FrameUpdate &update,
                                Arena &arena) {
     if (is_attitude()) {
-        attitude_.update(stamp_ns, frame, sky, gyro, bank_, update, arena);
+        attitude_.update(stamp_ns, frame, *sky_, gyro, bank_, update, arena);
         return;
     }
     StarUpdate done{};
     const size_t bytes = star_update_work_bytes(with_room(options_, bank().capacity), frame.count);
     Arena work(arena.take<std::byte>(bytes), bytes);
     update_stars(stamp_ns, frame.centroid, frame.count, measured_roll(stars_.stamp_ns, stamp_ns),
-                 sky, options_, stars_, done, arena, work);
+                 *sky_, options_, stars_, done, arena, work);
     update = {};
     update.good = done.good;
     update.has_fit = done.has_fit;
@@ -460,7 +425,7 @@ double TrackFilter::faintest_detected() const {
     double faintest = -INFINITY;
     for (const Track &track : bank()) {
         if (track.is_detected()) {
-            faintest = std::fmax(faintest, sky.file->magnitude[track.star]);
+            faintest = std::fmax(faintest, sky_->file->magnitude[track.star]);
         }
     }
     return faintest;
@@ -468,7 +433,7 @@ double TrackFilter::faintest_detected() const {
 
 /// Return what contradicts an attitude among the stars up to a magnitude.
 st_reason TrackFilter::misplaced(const Quaternion &attitude, double faintest, double scale,
-                                 const Frame &frame, Arena &arena) {
+                                 const CentroidFrame &frame, Arena &arena) {
     const Arena::Scope scope(arena);
     const auto count = static_cast<size_t>(frame.count);
     auto *uv = arena.take<Point>(count);
@@ -482,7 +447,7 @@ st_reason TrackFilter::misplaced(const Quaternion &attitude, double faintest, do
                   sigmas(STAR_OUTLIER) * scale * median(sigma_px, frame.count));
     List<ExpectedStar> expected =
         arena.list<ExpectedStar>(static_cast<size_t>(view_.near.capacity));
-    visible_stars(sky, attitude, rate_rad_s(), faintest, view_, expected);
+    visible_stars(*sky_, attitude, rate_rad_s(), faintest, view_, expected);
     return contradiction_of(expected.item, expected.count, uv, frame.count, present_px, arena);
 }
 
@@ -504,7 +469,7 @@ void TrackFilter::end_good_frame(int64_t stamp_ns, const FrameUpdate &update, Ar
     }
     keep_tracks(&update, is_sparse(update.frame));
     has_seen_ = true;
-    seen_zero_point_ = zero_point(bank(), *sky.file, arena);
+    seen_zero_point_ = zero_point(bank(), *sky_->file, arena);
     search_ = {true, attitude, update.scale, search_.free};
     search_.free.clear();
     for (int m = 0; m < update.frame.count; ++m) {
@@ -515,7 +480,7 @@ void TrackFilter::end_good_frame(int64_t stamp_ns, const FrameUpdate &update, Ar
 }
 
 /// Drop missed stars, and enter LOST after max_bad_frames.
-void TrackFilter::end_bad_frame(const Frame &frame) {
+void TrackFilter::end_bad_frame(const CentroidFrame &frame) {
     // A sparse frame is no evidence against the tracks.
     const bool sparse = is_sparse(frame);
     bad_frames_ += sparse ? 0 : 1;
@@ -534,7 +499,7 @@ void TrackFilter::keep_tracks(const FrameUpdate *update, bool sparse) {
     int left = 0;
     for (int n = 0; n < tracks.count; ++n) {
         Track track = tracks[n];
-        bool kept = is_kept(track, is_crowded(sky, track.star), most_missed);
+        bool kept = is_kept(track, is_crowded(*sky_, track.star), most_missed);
         if (update != nullptr) {
             kept = kept && is_kept_after_fit(track, update->normalised[n], sigmas(STAR_OUTLIER));
             confirm(track, options_.confirm_frames);
@@ -552,7 +517,7 @@ void TrackFilter::keep_tracks(const FrameUpdate *update, bool sparse) {
 ///
 /// Only in a fast turn, where faint stars leave the image before as many new ones count. Where those
 /// followed are seen and do not agree, the motion is not as predicted.
-void TrackFilter::resume(int64_t stamp_ns, const Frame &frame, Arena &arena) {
+void TrackFilter::resume(int64_t stamp_ns, const CentroidFrame &frame, Arena &arena) {
     st_hint hint;
     if (!has_seen_ || !crosses_fast(stamp_ns) || are_seen(frame) || !predicted(hint)) {
         return;
@@ -563,16 +528,16 @@ void TrackFilter::resume(int64_t stamp_ns, const Frame &frame, Arena &arena) {
     auto *hip = arena.take<int32_t>(static_cast<size_t>(frame.count));
     std::fill_n(hip, frame.count, 0);
     for (const NewStar &one : found) {
-        hip[one.centroid] = sky.file->hip[one.star];
+        hip[one.centroid] = sky_->file->hip[one.star];
     }
     st_reason misfit{};
-    if (!fit_identified(lens_, sky, options_, stamp_ns, frame.centroid, hip, frame.count,
+    if (!fit_identified(lens_, *sky_, options_, stamp_ns, frame.centroid, hip, frame.count,
                         identified_, misfit, arena)) {
         return;
     }
     double faintest = -INFINITY;
     for (const int32_t star : identified_.star) {
-        faintest = std::fmax(faintest, sky.file->magnitude[star]);
+        faintest = std::fmax(faintest, sky_->file->magnitude[star]);
     }
     Start begin;
     if (misplaced(identified_.quaternion, faintest, identified_.scale, frame, arena).code !=
@@ -599,8 +564,8 @@ bool TrackFilter::predicted(st_hint &hint) const {
         hint.stamp_ns = now->stamp_ns;
         set(now->quaternion, hint.quaternion);
         set(stars_.rate_rad_s, hint.rate_rad_s);
-        set_term(now->covariance, hint.covariance_rad2);
-        set_term(stars_.rate_covariance, hint.rate_covariance);
+        set(now->covariance, hint.covariance_rad2);
+        set(stars_.rate_covariance, hint.rate_covariance);
     }
     return now != nullptr;
 }
@@ -614,7 +579,7 @@ bool TrackFilter::crosses_fast(int64_t stamp_ns) const {
 }
 
 /// Whether enough of the stars followed have a centroid in the neighbourhood.
-bool TrackFilter::are_seen(const Frame &frame) const {
+bool TrackFilter::are_seen(const CentroidFrame &frame) const {
     int seen = 0;
     for (const Track &track : bank()) {
         const Point at = track.uv();
@@ -629,7 +594,7 @@ bool TrackFilter::are_seen(const Frame &frame) const {
 
 /// List catalogue stars among centroids by an attitude, with scale times their sigma.
 void TrackFilter::find_new_stars(const Quaternion &attitude, const Matrix3 &covariance,
-                                 const Frame &frame, double scale, double zero,
+                                 const CentroidFrame &frame, double scale, double zero,
                                  List<NewStar> &found, Arena &arena) {
     auto *free = arena.take<FreeCentroid>(static_cast<size_t>(frame.count));
     for (int m = 0; m < frame.count; ++m) {
@@ -637,7 +602,7 @@ void TrackFilter::find_new_stars(const Quaternion &attitude, const Matrix3 &cova
         free[m] = {
             m, {one.u_px, one.v_px}, one.flux_dn, scale * sigma_of(one, options_.sigma_floor_px)};
     }
-    match_new_stars(sky, attitude, covariance, lens_, free, frame.count, zero,
+    match_new_stars(*sky_, attitude, covariance, lens_, free, frame.count, zero,
                     options_.magnitude_tolerance, view_, found, arena);
 }
 
@@ -652,11 +617,11 @@ void TrackFilter::acquire_new_stars(Arena &arena) {
         return;
     }
     const Arena::Scope scope(arena);
-    look(tracks_ns_, sky);
-    const Frame frame{search_.free.item, search_.free.count, {}};
+    look(tracks_ns_, *sky_);
+    const CentroidFrame frame{search_.free.item, search_.free.count, {}};
     List<NewStar> found = arena.list<NewStar>(static_cast<size_t>(frame.count));
     find_new_stars(search_.attitude.quaternion, search_.attitude.covariance, frame, search_.scale,
-                   zero_point(tracks, *sky.file, arena), found, arena);
+                   zero_point(tracks, *sky_->file, arena), found, arena);
     for (const NewStar &one : found) {
         if (tracks.count < most && !has_star(tracks, one.star)) {
             add_track(one.star, frame.centroid[one.centroid], false);
@@ -704,23 +669,6 @@ const TrackedAttitude *TrackFilter::attitude() const {
     return newest.stamp_ns == stamp_ns_ ? &newest : nullptr;
 }
 
-void set_unknown(st_attitude &attitude) {
-    attitude = {};
-    for (double &element : attitude.quaternion) {
-        element = NAN;
-    }
-    for (auto *vector : {&attitude.rate_rad_s, &attitude.acceleration_rad_s2,
-                         &attitude.jerk_rad_s3, &attitude.acceleration_sigma_rad_s2,
-                         &attitude.acceleration_sigma_before_rad_s2, &attitude.protection_rad}) {
-        set({{NAN, NAN, NAN}}, *vector);
-    }
-    for (auto *matrix :
-         {&attitude.covariance_rad2, &attitude.rate_covariance, &attitude.cross_covariance}) {
-        set_term(UNKNOWN, *matrix);
-    }
-    attitude.chi2 = attitude.residual_px = NAN;
-}
-
 void TrackFilter::fill(st_attitude &filled, st_budget &budget, Arena &arena) {
     set_unknown(filled);
     budget = {};
@@ -731,16 +679,16 @@ void TrackFilter::fill(st_attitude &filled, st_budget &budget, Arena &arena) {
     if (is_attitude()) {
         budget = attitude_.budget(now->covariance, false);
     } else {
-        set_term(now->covariance, budget.stars);
+        set(now->covariance, budget.stars);
     }
     fill_errors(*now, budget, filled, arena);
     filled.chi2 = now->chi2;
     filled.residual_px = now->residual_px;
     set(rate_rad_s(), filled.rate_rad_s);
-    set_term(rate_covariance(), filled.rate_covariance);
+    set(rate_covariance(), filled.rate_covariance);
     Course course{};
     if (is_attitude()) {
-        set_term(attitude_.cross_covariance(), filled.cross_covariance);
+        set(attitude_.cross_covariance(), filled.cross_covariance);
         course = attitude_.course();
     } else {
         const double across = DEG * options_.acceleration_deg_s2;
@@ -768,15 +716,15 @@ void TrackFilter::fill_of_frame(st_attitude &filled, st_budget &budget, Arena &a
 /// Add the errors that last to a budget, and fill in the attitude with their sum.
 void TrackFilter::fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
                               Arena &arena) {
-    look(tracks_ns_, sky);
+    look(tracks_ns_, *sky_);
     const LastingErrors lasting = is_attitude() ? attitude_.lasting_errors() : LastingErrors{};
-    add_lasting_errors(lens_, bank(), *sky.file, lasting, &sky.observer, own.quaternion, budget,
-                       arena);
+    add_lasting_errors(lens_, bank(), *sky_->file, lasting, &sky_->observer, own.quaternion,
+                       budget, arena);
     filled.valid = 1;
     filled.stamp_ns = own.stamp_ns;
     filled.stars = own.stars;
     set(own.quaternion, filled.quaternion);
-    set_term(covariance_of(budget), filled.covariance_rad2);
+    set(covariance_of(budget), filled.covariance_rad2);
 }
 
 bool TrackFilter::predict(List<st_prediction> &predictions) {
@@ -790,8 +738,8 @@ bool TrackFilter::predict(List<st_prediction> &predictions) {
     }
     // After a jump there is an attitude that predicts no star.
     if (predicted(hint)) {
-        look(tracks_ns_, sky);
-        predict_stars(sky, quaternion_of(hint.quaternion), matrix_of(hint.covariance_rad2),
+        look(tracks_ns_, *sky_);
+        predict_stars(*sky_, quaternion_of(hint.quaternion), matrix_of(hint.covariance_rad2),
                       vector_of(hint.rate_rad_s), options_.magnitude_limit, view_, predictions);
     }
     return true;
@@ -803,7 +751,7 @@ void TrackFilter::publish(List<st_star_track> &tracks) const {
         return;
     }
     const bool identified = good_ns_ == tracks_ns_ && contradiction.code == ST_NO_REASON;
-    tracks.count = st::publish(bank(), *sky.file, identified, tracks.item, tracks.capacity);
+    tracks.count = st::publish(bank(), *sky_->file, identified, tracks.item, tracks.capacity);
     tracks.left_out = std::max(bank().count - tracks.count, 0);
     const TrackedAttitude *now = attitude();
     if (now == nullptr) {
@@ -812,7 +760,7 @@ void TrackFilter::publish(List<st_star_track> &tracks) const {
     const Matrix3 R = matrix_from_quaternion(now->quaternion);
     for (int n = 0; n < tracks.count; ++n) {
         const Point at =
-            project(lens_, sensor_direction(R, apparent_direction(sky, bank()[n].star)));
+            project(lens_, sensor_direction(R, apparent_direction(*sky_, bank()[n].star)));
         tracks[n].distance_px = std::hypot(tracks[n].u_px - at.x, tracks[n].v_px - at.y);
     }
 }

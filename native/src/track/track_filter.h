@@ -26,9 +26,6 @@
 
 namespace st {
 
-/// Set all numbers of an attitude that is not known.
-void set_unknown(st_attitude &attitude);
-
 /// Lengths of the lists of a filter; view is that of the catalogue stars in and near the image.
 struct TrackCapacities {
     int tracks, centroids, frames, rates, view;
@@ -45,13 +42,13 @@ struct TrackedAttitude {
 
 /// Feed update() with every frame and identified() with the identifications, in any interleaving: an
 /// identification may come some frames late or before its own update(). acquire_new_stars() may
-/// follow update(). The sky is given the observer, without one he is at rest.
+/// follow update(). The sky is that of the observers given to it.
 class TrackFilter {
 public:
     TrackFilter() = default;
 
     /// Take what stays between frames out of the arena.
-    TrackFilter(const st_config &config, const Lens &lens, const SkyFile &sky,
+    TrackFilter(const st_config &config, const Lens &lens, ApparentSky &sky,
                 const TrackCapacities &capacities, Arena &arena);
 
     /// Forget everything but the counts and the track numbers.
@@ -98,7 +95,6 @@ public:
     int stars_matched = 0, frames_since_fix = 0;
     int late_frames = 0, rejected_centroids = 0, checks_passed = 0;
 
-    ApparentSky sky{};
     Gyro gyro;
     HintedStart hints{};
 
@@ -108,8 +104,7 @@ public:
         return is_attitude() ? attitude_.gyro_trouble() : stars_.gyro_trouble;
     }
 
-    static size_t bytes(const st_config &config, const SkyFile &sky,
-                        const TrackCapacities &capacities);
+    static size_t bytes(const st_config &config, const TrackCapacities &capacities);
     static size_t work_bytes(const st_config &config, const TrackCapacities &capacities);
 
 private:
@@ -134,12 +129,12 @@ private:
     Lens model_lens() const { return is_attitude() ? attitude_.lens() : lens_; }
     Vector3 rate_rad_s() const;
     Matrix3 rate_covariance() const;
-    bool is_sparse(const Frame &frame) const { return frame.count < options_.min_stars; }
+    bool is_sparse(const CentroidFrame &frame) const { return frame.count < options_.min_stars; }
     bool gap_exceeded(int64_t stamp_ns, int64_t other_ns) const;
 
-    Frame usable(const st_centroid *centroids, int count, const st_identified *identified,
-                 int32_t *hip, Arena &arena);
-    void remember(int64_t stamp_ns, const Frame &frame);
+    CentroidFrame usable(const st_centroid *centroids, int count, const st_identified *identified,
+                         int32_t *hip, Arena &arena);
+    void remember(int64_t stamp_ns, const CentroidFrame &frame);
 
     void enter(st_state entered, const st_reason &why);
     void acquire(const IdentifiedFrame &frame, const st_reason &why);
@@ -148,21 +143,23 @@ private:
     void cross_check(const IdentifiedFrame &frame, Arena &arena);
     void seen_elsewhere(const IdentifiedFrame &frame, Arena &arena);
 
-    void track(int64_t stamp_ns, const Frame &frame, Arena &arena);
-    void update_model(int64_t stamp_ns, const Frame &frame, FrameUpdate &update, Arena &arena);
+    void track(int64_t stamp_ns, const CentroidFrame &frame, Arena &arena);
+    void update_model(int64_t stamp_ns, const CentroidFrame &frame, FrameUpdate &update,
+                      Arena &arena);
     void end_good_frame(int64_t stamp_ns, const FrameUpdate &update, Arena &arena);
-    void end_bad_frame(const Frame &frame);
+    void end_bad_frame(const CentroidFrame &frame);
     void keep_tracks(const FrameUpdate *update, bool sparse);
     st_reason contradiction_in(const FrameUpdate &update, Arena &arena);
     st_reason misplaced(const Quaternion &attitude, double faintest, double scale,
-                        const Frame &frame, Arena &arena);
+                        const CentroidFrame &frame, Arena &arena);
     double faintest_detected() const;
-    void resume(int64_t stamp_ns, const Frame &frame, Arena &arena);
+    void resume(int64_t stamp_ns, const CentroidFrame &frame, Arena &arena);
     bool predicted(st_hint &hint) const;
     bool crosses_fast(int64_t stamp_ns) const;
-    bool are_seen(const Frame &frame) const;
-    void find_new_stars(const Quaternion &attitude, const Matrix3 &covariance, const Frame &frame,
-                        double scale, double zero, List<NewStar> &found, Arena &arena);
+    bool are_seen(const CentroidFrame &frame) const;
+    void find_new_stars(const Quaternion &attitude, const Matrix3 &covariance,
+                        const CentroidFrame &frame, double scale, double zero,
+                        List<NewStar> &found, Arena &arena);
     void add_track(int32_t star, const st_centroid &centroid, bool confirmed);
     MeasuredRoll measured_roll(int64_t from_ns, int64_t to_ns) const;
     void fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
@@ -170,6 +167,7 @@ private:
 
     st_tracking_options options_{};
     Lens lens_{};
+    ApparentSky *sky_ = nullptr;
     StarsInView view_{};
     AttitudeModel attitude_;
     StarModel stars_{};
