@@ -66,10 +66,10 @@ int most_alike(Pair *pairs, int count) {
 /// Fit the rate, without outliers, one at a time; false where too few are left.
 bool fit_rate(Pair *pairs, int count, Vector3 &rate_rad_s) {
     while (count >= LEAST_STARS) {
-        RateSums sums{};
+        NormalEquations3 sums{};
         Matrix3 covariance;
         for (int i = 0; i < count; ++i) {
-            add_velocity(pairs[i].design, pairs[i].shift, round_error(1.0), sums);
+            sums.add(pairs[i].design, {pairs[i].shift, round_error(1.0)}, 1.0);
         }
         if (!body_rate(sums, rate_rad_s, covariance)) {
             return false;

@@ -169,22 +169,7 @@ Matrix<4, 4> rolled(const Lens &lens, double rate_rad_s, double dt_s) {
     return transition;
 }
 
-void add_velocity(const Flow &J, const Point &velocity, const Covariance2 &covariance,
-                  RateSums &sums) {
-    const double scale = 1 / determinant(covariance);
-    const double uu = scale * covariance.vv, uv = -scale * covariance.uv,
-                 vv = scale * covariance.uu;
-    for (int row = 0; row < 3; ++row) {
-        const double u = J[0][row] * uu + J[1][row] * uv;
-        const double v = J[0][row] * uv + J[1][row] * vv;
-        sums.vector[row] += u * velocity.x + v * velocity.y;
-        for (int column = 0; column < 3; ++column) {
-            sums.information[row][column] += u * J[0][column] + v * J[1][column];
-        }
-    }
-}
-
-bool body_rate(const RateSums &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance) {
+bool body_rate(const NormalEquations3 &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance) {
     if (!is_positive_definite(sums.information)) {
         return false;
     }

@@ -259,13 +259,13 @@ bool fit(const Predicted &stars, const st_tracking_options &options, const StarM
 
 /// Set the body rate to that of the velocities of the stars that agree.
 void rate_by_velocities(const RotationFit &fit, StarModel &model) {
-    RateSums sums{};
+    NormalEquations3 sums{};
     for (int n = 0; n < model.bank.count; ++n) {
         const Track &track = model.bank[n];
         if (track.is_detected() && fit.normalised[n] <= outlier_sigmas()) {
             const StarCovariance &P = track.covariance;
-            add_velocity(flow_of(model.lens, unproject(model.lens, track.uv())),
-                         {track.state[1], track.state[3]}, {P[1][1], P[1][3], P[3][3]}, sums);
+            sums.add(flow_of(model.lens, unproject(model.lens, track.uv())),
+                     {{track.state[1], track.state[3]}, {P[1][1], P[1][3], P[3][3]}}, 1.0);
         }
     }
     body_rate(sums, model.rate_rad_s, model.rate_covariance);
