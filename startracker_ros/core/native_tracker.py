@@ -17,6 +17,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.sky_file import star_arrays
+from startracker_ros.core.options import Options
 from startracker_ros.core.stored_arrays import write_arrays
 
 EXTRACTS, IDENTIFIES, TRACKS, TRUSTS = 1, 2, 4, 8
@@ -60,9 +61,11 @@ class NativeTracker:
         """Return the status of a function that may refuse its input."""
         return int(getattr(self._library, name)(self.handle, *arguments))
 
-    def list(self, name: str, kind: np.dtype) -> np.ndarray:
-        """Return a copy of a list of the last call."""
+    def list(self, name: str, kind: np.dtype, none: bool = False) -> Any:
+        """Return a copy of a list of the last call; where none, None instead of a null pointer."""
         first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
+        if none and first is None:
+            return None
         size = self.count.value * kind.itemsize
         return np.frombuffer(bytearray(ctypes.string_at(first, size)) if size else b'', kind)
 
@@ -80,6 +83,16 @@ def address_of(array: np.ndarray | None) -> int | None:
 
 
 # --- what goes in ---
+
+
+def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) -> None:
+    """Set a part of a CONFIG; of a choice the number among its names."""
+    for name in part.dtype.names or ():
+        if name in choices:
+            part[name] = choices[name].index(getattr(options, name))
+        elif hasattr(options, name):
+            part[name] = getattr(options, name)
+
 
 
 def native_camera(camera: Camera) -> np.ndarray:

@@ -6,7 +6,8 @@
 import numpy as np
 from startracker_ros.core.attitude import solution
 from startracker_ros.core.attitude.refinement import inverse_information
-from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf, SOLVERS
+from startracker_ros.core.attitude.result import (
+    AttitudeEstimate, covariance_icrf, SOLVERS, UNSOLVED)
 
 _SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
            'triad': solution.TRIAD}
@@ -44,13 +45,11 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
         _SOLVER[solver], sensor, icrf, sigma_rad)
     if status != solution.SOLVED:
         raise AttitudeError({
-            solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
-            solution.SIGMA: f'sigma of {sigma_rad.min():g} rad must be positive',
-            solution.ZERO_LENGTH: 'a direction of length zero',
-            solution.SAME_STAR: f'directions {star} and {twin} are identical: one star counted '
-                                'twice',
-            solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
-                               'star decides alone: the rotation about them is not observable',
+            solution.NOT_FINITE: UNSOLVED['not_finite'],
+            solution.SIGMA: UNSOLVED['sigma'].format(sigma_rad.min()),
+            solution.ZERO_LENGTH: UNSOLVED['zero_length'],
+            solution.SAME_STAR: UNSOLVED['same_star'].format(star, twin),
+            solution.PARALLEL: UNSOLVED['parallel'],
         }[status])
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 

@@ -13,6 +13,15 @@ from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quat
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
 
+UNSOLVED = {
+    'not_finite': 'NaN or infinity among the directions or their sigma',
+    'sigma': 'sigma of {:g} rad must be positive',
+    'zero_length': 'a direction of length zero',
+    'same_star': 'directions {} and {} are identical: one star counted twice',
+    'parallel': 'the directions are parallel, or weighted so unevenly that one star decides '
+                'alone: the rotation about them is not observable'}
+"""Why no attitude follows from directions of stars."""
+
 WRONG_SIGMAS = 5.0
 """An attitude is wrong when its error exceeds so many of its own sigma on any axis."""
 

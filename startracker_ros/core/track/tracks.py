@@ -10,6 +10,9 @@ import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate
 
 
+_COVARIANCE = (4, 5, 5, 6)  # columns of a STAR_TRACK
+
+
 @dataclass(frozen=True)
 class Tracks:
     """
@@ -51,6 +54,17 @@ class Tracks:
             age=np.empty(0, np.uint16), missed=np.empty(0, np.uint8),
             association_probability=none, velocity=np.empty((0, 2)),
             covariance=np.empty((0, 2, 2)))
+
+    @classmethod
+    def of(cls, table: np.ndarray) -> 'Tracks':
+        """Return the tracks of a table (N,) of STAR_TRACK, which they are views of."""
+        columns = table.view(float).reshape(len(table), table.itemsize // 8)
+        return cls(
+            hip=table['hip'], magnitude=columns[:, 7], uv=columns[:, :2], flux=columns[:, 8],
+            snr=columns[:, 9], sigma_px=columns[:, 10], residual_px=columns[:, 11],
+            track_id=table['track_id'], age=table['age'].astype(np.uint16),
+            missed=table['missed'].astype(np.uint8), association_probability=columns[:, 13],
+            velocity=columns[:, 2:4], covariance=columns[:, _COVARIANCE].reshape(-1, 2, 2))
 
     @property
     def usable(self) -> np.ndarray:

@@ -1,0 +1,236 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The filter of the tracks: from identified frames of stars to tracks of stars."""
+
+from enum import StrEnum
+
+import numpy as np
+from startracker_ros.core import native
+from startracker_ros.core.astro.observer_motion import Observer, ObserverMotion
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentSky
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.integrity.reasons import reason_text
+from startracker_ros.core.native_tracker import (
+    attitude_of, native_camera, native_centroids, native_observer, native_sky, NativeTracker,
+    set_options, TRACKS)
+from startracker_ros.core.registry import MODELS
+from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
+from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
+
+MOST_CENTROIDS, MOST_TRACKS, MOST_RATES = 5000, 500, 100_000
+"""Capacities, those of the largest options: what is not used takes no memory."""
+
+_CHOICES = {'model': tuple(MODELS), 'solver': SOLVERS, 'association': ASSOCIATIONS}
+_CONDITIONS = 'none', 'used', 'unused'
+_NOT_NEWER = 11  # ST_NOT_NEWER
+
+
+class TrackerState(StrEnum):
+    """States of the tracker."""
+
+    LOST = 'LOST'
+    ACQUIRING = 'ACQUIRING'
+    TRACKING = 'TRACKING'
+
+
+_STATES = tuple(TrackerState)
+
+
+class TrackFilter:
+    """
+    Tracks identified stars through frames of centroids, by the native library.
+
+    LOST       -> ACQUIRING  an identified frame
+    ACQUIRING  -> TRACKING   a second one within max_gap_s, at max_rate_deg_s at most
+    any        -> TRACKING   an identified frame that agrees with a hint, unless TRACKING
+               -> ACQUIRING  a second one at a higher rate, which becomes the first
+               -> LOST       no second one within max_gap_s
+    TRACKING   -> TRACKING   other stars than those followed, where the prediction has them
+               -> ACQUIRING  an identified frame that contradicts the tracks
+               -> LOST       max_bad_frames bad frames in a row, or max_gap_s without stars
+    any        -> LOST       reset(), or time jumps back
+
+    Feed update() with every frame and identified() with the identifications, in any
+    interleaving: an identification may come some frames late or before its own update().
+    add_rate() adds the rates of a gyro. acquire_new_stars() may follow update(). The attitude is
+    that of the sensor in ICRF where motion is that of the observer; without one the observer is
+    at rest. sky has the stars as that observer sees them.
+
+    state and reason describe the last transition; contradiction is why the stars of the newest
+    frame are no attitude although some agree, empty if they are; frames_since_fix counts the
+    frames since the last good one, stars_matched its inliers, residual_px is their rms residual
+    (NaN without any); late_frames counts frames rejected as older than the last one,
+    rejected_centroids those without a finite position or a positive sigma, checks_passed the
+    identifications that agreed with the tracks; newest_hint is the newest hint.
+    """
+
+    def __init__(self, camera: Camera, onboard: OnboardCatalog,
+                 options: TrackerOptions = TrackerOptions(),
+                 gyro: GyroErrorOptions = GyroErrorOptions(),
+                 motion: ObserverMotion | None = None) -> None:
+        self.sky = ApparentSky(onboard, motion)
+        self._motion = motion
+        self._config = native.defaults()
+        self._config['stages'] = TRACKS
+        capacities = self._config['capacities']
+        capacities['centroids'], capacities['tracks'] = MOST_CENTROIDS, MOST_TRACKS
+        capacities['rates'] = MOST_RATES
+        set_options(self._config['gyro'], gyro)
+        set_options(self._config['tracking'], options, **_CHOICES)
+        self._tracker = NativeTracker(self._config, native_camera(camera), native_sky(onboard))
+        self._tracking, self._hint = (np.zeros((), kind) for kind in (
+            native.TRACKING, native.HINT))
+        self._tracking['attitude']['valid'] = self._tracking['frame_attitude']['valid'] = 0
+        self._tracking_at = self._tracking.ctypes.data
+        self.newest_hint: Hint | None = None
+        self._observer: Observer | None = None
+        self._observer_ns = 0
+        self._stamp_ns: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop everything but the counts and the track numbers."""
+        self._tracker.call('st_reset')
+        self._observer, self.newest_hint, self._stamp_ns = None, None, None
+        self._look()
+
+    def set_limits(self, options: TrackerOptions) -> None:
+        """Use live options, without loss of lock; the others must be those of before."""
+        set_options(self._config['tracking'], options, **_CHOICES)
+        fault = np.zeros((), native.FAULT)
+        native.check(self._tracker.status_of(
+            'st_change_options', self._config.ctypes.data, fault.ctypes.data), fault)
+
+    # --- what goes in ---
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Add a rate (3,) about sensor axes measured up to a time; False if it is rejected."""
+        rate = np.array(rate_rad_s, float)
+        return not self._tracker.status_of('st_add_rate', stamp_ns, rate.ctypes.data)
+
+    def add_hint(self, hint: Hint) -> None:
+        """Use an attitude from elsewhere: one identified frame that agrees with it starts."""
+        self.newest_hint = hint
+        self._hint[()] = tuple(hint)
+        self._tracker.status_of('st_add_hint', self._hint.ctypes.data)
+
+    def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
+        """
+        Process a frame of centroids and return the tracks, empty unless TRACKING.
+
+        Return None, and count a late frame, when its stamp is not newer than the last one.
+        """
+        self._observe(stamp_ns)
+        table = native_centroids(centroids)[:MOST_CENTROIDS]
+        exposure_s = np.array(centroids.exposure_s)
+        status = self._tracker.status_of(
+            'st_track', stamp_ns, table.ctypes.data, len(table), exposure_s.ctypes.data,
+            self._tracking_at)
+        if status == _NOT_NEWER:
+            self._look()
+            return None
+        native.check(status)
+        self._stamp_ns = stamp_ns
+        self._look()
+        return Tracks.of(self._tracker.list('st_tracks', native.STAR_TRACK))
+
+    def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
+        """
+        Process an identified frame: hip (N,) of each centroid, 0 where it is unknown.
+
+        Frames with too few stars or a poor fit are ignored, and those that update() left out.
+        """
+        self._observe(stamp_ns)
+        table = native_centroids(centroids)[:MOST_CENTROIDS]
+        identified = np.zeros(len(table), native.IDENTIFIED)
+        identified['hip'] = hip[:len(table)]
+        self._tracker.call('st_add_identification', stamp_ns, table.ctypes.data,
+                           identified.ctypes.data, len(table), self._tracking_at)
+        self._look()
+
+    def acquire_new_stars(self) -> None:
+        """
+        Start tracks of stars that came into view in the last frame.
+
+        The next update() calls it first. A call between two frames saves that time.
+        """
+        self._tracker.call('st_prepare')
+
+    def _observe(self, stamp_ns: int) -> None:
+        """Give the tracker the observer of a time, where it is another one."""
+        if self._motion is None:
+            return
+        observer = self._motion.at(stamp_ns)
+        if observer is self._observer and stamp_ns >= self._observer_ns:
+            return
+        self._observer, self._observer_ns = observer, stamp_ns
+        self._tracker.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
+
+    # --- what is known ---
+
+    def _look(self) -> None:
+        """Take the figures of the last call."""
+        known = self._tracking
+        self.state = _STATES[known['state']]
+        self.reason = reason_text(known['reason'])
+        self.contradiction = reason_text(known['contradiction'])
+        self.gyro_trouble = reason_text(known['gyro_trouble'])
+        self.residual_px, self.stamp_sigma_s = (
+            float(known['residual_px']), float(known['stamp_sigma_s']))
+        self.stars_matched, self.frames_since_fix = (
+            int(known['stars_matched']), int(known['frames_since_fix']))
+        self.late_frames, self.rejected_centroids, self.checks_passed = (
+            int(known[name]) for name in ('late_frames', 'rejected_centroids', 'checks_passed'))
+        self.gyro_condition = _CONDITIONS[known['gyro']]
+        attitude = known['attitude']
+        self.attitude: TrackedAttitude | None = None
+        if attitude['valid']:
+            self.attitude = TrackedAttitude(
+                attitude_of(attitude, known['budget']), attitude['rate_rad_s'].copy(),
+                attitude['rate_covariance'].copy())
+
+    @property
+    def cross_covariance(self) -> np.ndarray | None:
+        """Return that (3, 3) of the errors of attitude and rate, None where it is not known."""
+        cross = self._tracking['attitude']['cross_covariance'].copy()
+        return None if np.isnan(cross[0, 0]) else cross
+
+    @property
+    def acceleration(self) -> Acceleration:
+        """Return the angular acceleration at the last frame."""
+        attitude = self._tracking['attitude']
+        return Acceleration(*(attitude[name].copy() for name in (
+            'acceleration_rad_s2', 'acceleration_sigma_rad_s2', 'jerk_rad_s3',
+            'acceleration_sigma_before_rad_s2')))
+
+    @property
+    def frame_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude of the newest frame by its stars alone, of a model that has one."""
+        attitude = self._tracking['frame_attitude']
+        return attitude_of(attitude, self._tracking['frame_budget']) if attitude['valid'] else None
+
+    @property
+    def predicted(self) -> PredictedCentroids | None:
+        """
+        Return where the brightest stars in view, tracked or not, are at the newest frame.
+
+        None unless TRACKING, or without an attitude.
+        """
+        table = self._tracker.list('st_predictions', native.PREDICTION, none=True)
+        if table is None or self._stamp_ns is None:
+            return None
+        columns = table.view(float).reshape(len(table), table.itemsize // 8)
+        return PredictedCentroids(
+            self._stamp_ns, columns[:, :2].copy(), columns[:, 2:4].copy(), columns[:, 4].copy(),
+            table['hip'].copy(), len(table))
+
+    @property
+    def follows(self) -> bool:
+        """Return whether the stars of the last frame were where the tracks have them."""
+        return self.state is TrackerState.TRACKING and not self.frames_since_fix
