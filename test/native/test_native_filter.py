@@ -249,7 +249,7 @@ def test_corrections_are_those_of_the_record():
         close(found.vector, expected['vector'], SOLVED, scale)
         state = states('correct state')[number]
         # What is left of a variance has the rounding of all of it.
-        left = (state.covariance / given['predicted'].covariance)[0, 0]
+        left = state.covariance[0, 0] / given['predicted'].covariance[0, 0]
         relative = max(SOLVED, 1e-14 / left)
         same_state(found.state, state, relative)
         close(found.distance_px, expected['distance'], relative, 1.0)
