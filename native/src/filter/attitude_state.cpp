@@ -19,8 +19,7 @@ AttitudeState measured_by(const AttitudeState &state, const Matrix<N, N> &Y, con
     const auto columns = block<STATE_SIZE, N>(P, 0, 0);
     const auto rows = block<N, STATE_SIZE>(P, 0, 0);
     double determinant;
-    const auto gain =
-        inverse_and_determinant(identity<N>() + Y * block<N, N>(P, 0, 0), determinant) * Y;
+    const auto gain = solved_by_pivots(identity<N>() + Y * block<N, N>(P, 0, 0), Y, determinant);
     AttitudeState after = state;
     after.covariance = P - columns * gain * rows;
     // Rounding makes it unsymmetric, and what is unsymmetric would grow from frame to frame.

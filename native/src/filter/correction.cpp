@@ -194,8 +194,7 @@ void fill_turn(const AttitudeState &predicted, const Sums &sums, Correction &cor
         set_block(moved, 3 * power, 0, late.information);
     }
     double determinant;
-    correction.by_acceleration =
-        inverse_and_determinant(measured.information, determinant) * moved;
+    correction.by_acceleration = solved_by_pivots(measured.information, moved, determinant);
     correction.turn =
         correction.turn - lever * (correction.state.rate_rad_s - predicted.rate_rad_s);
     correction.turn_covariance =

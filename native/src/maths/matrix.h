@@ -173,11 +173,10 @@ Vector<N> operator-(const Vector<N> &a, const Vector<N> &b) {
     return difference;
 }
 
-/// Return A^-1 and the determinant of A, by Gauss and Jordan with pivots (Golub and Van Loan, Matrix
+/// Return A^-1 B and the determinant of A, by Gauss and Jordan with pivots (Golub and Van Loan, Matrix
 /// Computations, 3.4); not finite if A is singular.
-template <int N>
-Matrix<N, N> inverse_and_determinant(Matrix<N, N> A, double &determinant) {
-    Matrix<N, N> X = identity<N>();
+template <int N, int C>
+Matrix<N, C> solved_by_pivots(Matrix<N, N> A, Matrix<N, C> B, double &determinant) {
     determinant = 1.0;
     for (int column = 0; column < N; ++column) {
         int pivot = column;
@@ -187,30 +186,43 @@ Matrix<N, N> inverse_and_determinant(Matrix<N, N> A, double &determinant) {
         if (pivot != column) {
             determinant = -determinant;
             for (int k = 0; k < N; ++k) {
-                const double a = A[column][k], x = X[column][k];
+                const double a = A[column][k];
                 A[column][k] = A[pivot][k];
                 A[pivot][k] = a;
-                X[column][k] = X[pivot][k];
-                X[pivot][k] = x;
+            }
+            for (int k = 0; k < C; ++k) {
+                const double b = B[column][k];
+                B[column][k] = B[pivot][k];
+                B[pivot][k] = b;
             }
         }
         determinant *= A[column][column];
         const double scale = 1 / A[column][column];
         for (int k = 0; k < N; ++k) {
             A[column][k] *= scale;
-            X[column][k] *= scale;
+        }
+        for (int k = 0; k < C; ++k) {
+            B[column][k] *= scale;
         }
         for (int row = 0; row < N; ++row) {
             const double factor = A[row][column];
             if (row != column && factor != 0) {
                 for (int k = 0; k < N; ++k) {
                     A[row][k] -= factor * A[column][k];
-                    X[row][k] -= factor * X[column][k];
+                }
+                for (int k = 0; k < C; ++k) {
+                    B[row][k] -= factor * B[column][k];
                 }
             }
         }
     }
-    return X;
+    return B;
+}
+
+/// Return A^-1 and the determinant of A.
+template <int N>
+Matrix<N, N> inverse_and_determinant(const Matrix<N, N> &A, double &determinant) {
+    return solved_by_pivots(A, identity<N>(), determinant);
 }
 
 }  // namespace st
