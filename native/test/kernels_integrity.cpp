@@ -101,16 +101,19 @@ AttitudeValidator validator(const st_camera &camera, const st_trust_options &opt
                             const double *previous, Arena &arena) {
     AttitudeValidator made(lens_of(camera), options);
     if (previous != nullptr) {
-        st_trust_options any = options;
-        any.max_residual_px = INFINITY;
-        made.set_limits(any);
-        TrackedStar *stars = arena.take<TrackedStar>(100);
-        for (int i = 0; i < any.min_stars; ++i) {
-            stars[i] = {{camera.cx_px, camera.cy_px}, {{0, 0, 1}}, 1.0, 0.0};
+        TrackedStar *stars = arena.take<TrackedStar>(static_cast<size_t>(options.min_stars));
+        // From w > 0 to any sign by half of the turn.
+        const auto last = from<Quaternion>(previous);
+        const Quaternion half = normalised({last.x, last.y, last.z, last.w + 1});
+        for (const Quaternion &q : {half, last}) {
+            for (int i = 0; i < options.min_stars; ++i) {
+                stars[i] = {{camera.cx_px, camera.cy_px},
+                            matrix_from_quaternion(q) * Vector3{{0, 0, 1}},
+                            1.0,
+                            0.0};
+            }
+            made.check(q, identity<3>(), 0.0, stars, options.min_stars, arena);
         }
-        made.check({0, 0, 0, 1}, identity<3>(), 0.0, stars, any.min_stars, arena);
-        made.check(from<Quaternion>(previous), identity<3>(), 0.0, stars, any.min_stars, arena);
-        made.set_limits(options);
     }
     return made;
 }
