@@ -739,8 +739,12 @@ bool TrackFilter::predict(List<st_prediction> &predictions) {
     // After a jump there is an attitude that predicts no star.
     if (predicted(hint)) {
         look(tracks_ns_, *sky_);
+        const int most = static_cast<int>(SPARE_STARS * options_.max_stars);
+        List<st_prediction> brightest = predictions;
+        brightest.capacity = std::min(predictions.capacity, most);
         predict_stars(*sky_, quaternion_of(hint.quaternion), matrix_of(hint.covariance_rad2),
-                      vector_of(hint.rate_rad_s), options_.magnitude_limit, view_, predictions);
+                      vector_of(hint.rate_rad_s), options_.magnitude_limit, view_, brightest);
+        predictions.count = brightest.count;
     }
     return true;
 }
