@@ -623,6 +623,10 @@ ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
                                 const st_centroid *centroids, const st_identified *identified,
                                 size_t count, st_trusted *trusted);
 
+/* Angles, rad, between the stars of the last st_trust or st_trust_stars and the catalogue, in the
+ * order in which they were given; the list of the last call, as st_centroids. */
+ST_API const double *st_residuals(const st_tracker *tracker, size_t *count);
+
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
 

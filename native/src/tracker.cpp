@@ -55,7 +55,8 @@ Bytes bytes_of(const st_config &config, const st_camera &camera, const SkyFile &
         bytes.work = std::max(bytes.work, tracking_work_bytes(config, sky, lens));
     }
     if ((config.stages & ST_TRUSTS) != 0) {
-        bytes.kept += Arena::padded<TrustStage>(1);
+        bytes.kept += Arena::padded<TrustStage>(1) +
+                      Arena::padded<double>(static_cast<size_t>(most_centroids(config)));
         bytes.work = std::max(bytes.work, trust_work_bytes(most_centroids(config)));
     }
     return bytes;
@@ -263,7 +264,8 @@ st_status st_create(void *memory, size_t bytes, const st_config *config, const s
             new (kept.take<TrackingStage>(1)) TrackingStage(*config, lens, *made->sky, kept);
     }
     if ((config->stages & ST_TRUSTS) != 0) {
-        made->trust = new (kept.take<TrustStage>(1)) TrustStage(*config, lens, *made->sky);
+        made->trust = new (kept.take<TrustStage>(1))
+            TrustStage(*config, lens, *made->sky, most_centroids(*config), kept);
     }
     made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
     *tracker = made;

@@ -264,6 +264,12 @@ st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *t
     return ST_OK;
 }
 
+const double *st_residuals(const st_tracker *tracker, size_t *count) {
+    return tracker == nullptr || tracker->trust == nullptr
+               ? nullptr
+               : listed(tracker->trust->residuals(), count);
+}
+
 st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
                          const st_identified *identified, size_t count, st_trusted *trusted) {
     if (tracker == nullptr || trusted == nullptr || (identified == nullptr && count > 0)) {

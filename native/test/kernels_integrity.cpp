@@ -112,7 +112,8 @@ AttitudeValidator validator(const st_camera &camera, const st_trust_options &opt
                             1.0,
                             0.0};
             }
-            made.check(q, identity<3>(), 0.0, stars, options.min_stars, arena);
+            made.check(q, identity<3>(), 0.0, stars, options.min_stars,
+                       arena.take<double>(static_cast<size_t>(options.min_stars)), arena);
         }
     }
     return made;
@@ -348,7 +349,8 @@ int32_t stt_trust_stars(const st_camera *camera, const st_trust_options *options
     Arena arena = arena_of_tests();
     return put_trusted(validator(*camera, *options, previous, arena)
                            .solve(listed<KnownStar>(star, count, arena), count,
-                                  {velocity_sigma_m_s, epoch_sigma_years}, arena),
+                                  {velocity_sigma_m_s, epoch_sigma_years},
+                                  arena.take<double>(static_cast<size_t>(count)), arena),
                        figure, trusted);
 }
 
@@ -359,6 +361,7 @@ int32_t stt_trust_tracks(const st_camera *camera, const st_trust_options *option
     Arena arena = arena_of_tests();
     return put_trusted(validator(*camera, *options, previous, arena)
                            .check(from<Quaternion>(quaternion), from<Matrix3>(covariance), chi2,
-                                  listed<TrackedStar>(star, count, arena), count, arena),
+                                  listed<TrackedStar>(star, count, arena), count,
+                                  arena.take<double>(static_cast<size_t>(count)), arena),
                        figure, trusted);
 }

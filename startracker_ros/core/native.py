@@ -188,6 +188,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_predictions': (_POINTER, (_POINTER, _POINTER)),
     'st_trust': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
     'st_trust_stars': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
+    'st_residuals': (_POINTER, (_POINTER, _POINTER)),
     'st_searched_size': (_STATUS, (_POINTER, _POINTER)),
     'st_search': (_STATUS, (_POINTER,) * 8),
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),

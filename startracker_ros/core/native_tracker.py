@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.core import native
-from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.astro.observer_motion import Observer, ObserverMotion
 from startracker_ros.core.attitude.error_budget import ErrorBudget
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.distortion import MODELS
@@ -22,6 +22,9 @@ from startracker_ros.core.stored_arrays import write_arrays
 
 EXTRACTS, IDENTIFIES, TRACKS, TRUSTS = 1, 2, 4, 8
 """Stages, ST_EXTRACTS and so on."""
+
+MOST_CENTROIDS = 5000
+"""Capacity of lists of centroids, the brightest; what is not used takes no memory."""
 
 _ALIGNMENT = 64
 _LENSES = list(MODELS)
@@ -61,6 +64,12 @@ class NativeTracker:
         """Return the status of a function that may refuse its input."""
         return int(getattr(self._library, name)(self.handle, *arguments))
 
+    def change_options(self, config: np.ndarray) -> None:
+        """Use the options of a CONFIG without loss of lock; NativeError where one is not live."""
+        fault = np.zeros((), native.FAULT)
+        native.check(self.status_of('st_change_options', config.ctypes.data, fault.ctypes.data),
+                     fault)
+
     def list(self, name: str, kind: np.dtype, none: bool = False) -> Any:
         """Return a copy of a list of the last call; where none, None instead of a null pointer."""
         first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
@@ -68,6 +77,27 @@ class NativeTracker:
             return None
         size = self.count.value * kind.itemsize
         return np.frombuffer(bytearray(ctypes.string_at(first, size)) if size else b'', kind)
+
+
+class ObserverInput:
+    """Gives a tracker the observer of each frame: at rest without a motion."""
+
+    def __init__(self, tracker: NativeTracker, motion: ObserverMotion | None) -> None:
+        self._tracker, self._motion = tracker, motion
+        self._given: tuple[int, Observer] | None = None
+
+    def look(self, stamp_ns: int) -> None:
+        """Give the observer of a time, where it is not the one given last."""
+        if self._motion is None:
+            return
+        observer, given = self._motion.at(stamp_ns), self._given
+        if given is None or observer is not given[1] or stamp_ns < given[0]:
+            self._given = stamp_ns, observer
+            self._tracker.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
+
+    def reset(self) -> None:
+        """Forget what was given, as the tracker does."""
+        self._given = None
 
 
 def aligned(size: int) -> np.ndarray:
@@ -88,10 +118,9 @@ def address_of(array: np.ndarray | None) -> int | None:
 def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) -> None:
     """Set a part of a CONFIG; of a choice the number among its names."""
     for name in part.dtype.names or ():
-        if name in choices:
-            part[name] = choices[name].index(getattr(options, name))
-        elif hasattr(options, name):
-            part[name] = getattr(options, name)
+        if hasattr(options, name):
+            value = getattr(options, name)
+            part[name] = choices[name].index(value) if name in choices else value
 
 
 
@@ -117,7 +146,9 @@ def native_sky(onboard: OnboardCatalog) -> np.ndarray:
 
 
 def native_centroids(centroids: Centroids) -> np.ndarray:
-    """Return a table (N,) of CENTROID as an array (N, 12)."""
+    """Return a table (N,) of CENTROID as an array (N, 12), of MOST_CENTROIDS at most."""
+    if len(centroids) > MOST_CENTROIDS:
+        centroids = centroids.select(slice(MOST_CENTROIDS))
     count = len(centroids)
     table = np.empty((count, _NUMBERS))
     table[:, :2] = centroids.uv
@@ -127,6 +158,13 @@ def native_centroids(centroids: Centroids) -> np.ndarray:
         covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1])
     table[:, 8], table[:, 9], table[:, 10] = common[:, 0, 0], common[:, 0, 1], common[:, 1, 1]
     table[:, 11] = centroids.delay_s
+    return table
+
+
+def native_identified(hip: np.ndarray, count: int) -> np.ndarray:
+    """Return a table (count,) of IDENTIFIED of the first of catalogue numbers hip (N,)."""
+    table = np.zeros(count, native.IDENTIFIED)
+    table['hip'] = np.asarray(hip)[:count]
     return table
 
 

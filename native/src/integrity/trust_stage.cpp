@@ -12,30 +12,6 @@
 namespace st {
 namespace {
 
-/// Return an attitude that was checked, or the reason why it is not trusted; the motion is that of
-/// the star tracker, null for unknown.
-st_trusted filled(int64_t stamp_ns, const TrustedAttitude &found, const st_attitude *tracked) {
-    st_trusted trusted;
-    trusted.reason = found.reason;
-    set_unknown(trusted.attitude);
-    st_attitude &attitude = trusted.attitude;
-    if (found.reason.code != ST_REASON_TRUSTED) {
-        return trusted;
-    }
-    if (tracked != nullptr) {
-        attitude = *tracked;
-    }
-    attitude.valid = 1;
-    attitude.stamp_ns = stamp_ns;
-    attitude.stars = found.stars;
-    attitude.chi2 = found.chi2;
-    attitude.residual_px = found.residual_px;
-    set(found.quaternion, attitude.quaternion);
-    set(found.covariance, attitude.covariance_rad2);
-    set(found.protection_rad, attitude.protection_rad);
-    return trusted;
-}
-
 bool is_usable(const st_star_track &track) {
     return track.hip > 0 && track.missed == 0;
 }
@@ -59,6 +35,33 @@ KnownStar TrustStage::known(int32_t star, const Point &uv, const Covariance2 &er
             apparent_direction(*sky_, star),
             {{static_cast<double>(motion[0]), static_cast<double>(motion[1]),
               static_cast<double>(motion[2])}}};
+}
+
+/// Return an attitude that was checked, or the reason why it is not trusted; the motion is that of
+/// the star tracker, null for unknown.
+st_trusted TrustStage::filled(int64_t stamp_ns, const TrustedAttitude &found,
+                              const st_attitude *tracked) {
+    residuals_.clear();
+    st_trusted trusted;
+    trusted.reason = found.reason;
+    set_unknown(trusted.attitude);
+    st_attitude &attitude = trusted.attitude;
+    if (found.reason.code != ST_REASON_TRUSTED) {
+        return trusted;
+    }
+    residuals_.count = found.stars;
+    if (tracked != nullptr) {
+        attitude = *tracked;
+    }
+    attitude.valid = 1;
+    attitude.stamp_ns = stamp_ns;
+    attitude.stars = found.stars;
+    attitude.chi2 = found.chi2;
+    attitude.residual_px = found.residual_px;
+    set(found.quaternion, attitude.quaternion);
+    set(found.covariance, attitude.covariance_rad2);
+    set(found.protection_rad, attitude.protection_rad);
+    return trusted;
 }
 
 st_trusted TrustStage::from_tracks(int64_t stamp_ns, const st_star_track *tracks, int count,
@@ -88,10 +91,11 @@ st_trusted TrustStage::from_tracks(int64_t stamp_ns, const st_star_track *tracks
                                  one.residual_px};
         }
     }
-    found = tracked == nullptr ? validator.solve(known, stars, observer_error(), arena)
-                               : validator.check(quaternion_of(tracked->quaternion),
-                                                 matrix_of(tracked->covariance_rad2),
-                                                 tracked->chi2, followed, stars, arena);
+    found = tracked == nullptr
+                ? validator.solve(known, stars, observer_error(), residuals_.item, arena)
+                : validator.check(quaternion_of(tracked->quaternion),
+                                  matrix_of(tracked->covariance_rad2), tracked->chi2, followed, stars,
+                                  residuals_.item, arena);
     return filled(stamp_ns, found, tracked);
 }
 
@@ -108,7 +112,8 @@ st_trusted TrustStage::from_stars(int64_t stamp_ns, const st_centroid *centroids
                                          {one.cov_uu_px2, one.cov_uv_px2, one.cov_vv_px2});
         }
     }
-    TrustedAttitude found = validator.solve(known, stars, observer_error(), arena);
+    TrustedAttitude found =
+        validator.solve(known, stars, observer_error(), residuals_.item, arena);
     Covariance2 common;
     if (common_error(centroids, count, common)) {
         found.covariance = found.covariance + pointing_covariance(lens_, common, nullptr);

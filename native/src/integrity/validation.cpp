@@ -85,7 +85,8 @@ TrustedAttitude AttitudeValidator::trusted(const TrustedAttitude &attitude) {
 }
 
 TrustedAttitude AttitudeValidator::solve(const KnownStar *stars, int count,
-                                         const ObserverError &observer, Arena &arena) {
+                                         const ObserverError &observer, double *residual_rad,
+                                         Arena &arena) {
     if (count < options_.min_stars) {
         return too_few(count, options_.min_stars, false);
     }
@@ -112,6 +113,7 @@ TrustedAttitude AttitudeValidator::solve(const KnownStar *stars, int count,
     }
     double square = 0.0;
     for (int i = 0; i < count; ++i) {
+        residual_rad[i] = solution.residual_rad[i];
         square += solution.residual_rad[i] * solution.residual_rad[i];
         list.star[i] = {list.sensor[i], list.sigma_rad[i], solution.residual_rad[i]};
     }
@@ -136,7 +138,7 @@ TrustedAttitude AttitudeValidator::solve(const KnownStar *stars, int count,
 
 TrustedAttitude AttitudeValidator::check(const Quaternion &quaternion, const Matrix3 &covariance,
                                          double chi2, const TrackedStar *stars, int count,
-                                         Arena &arena) {
+                                         double *residual_rad, Arena &arena) {
     if (count < options_.min_stars) {
         return too_few(count, options_.min_stars, true);
     }
@@ -149,6 +151,7 @@ TrustedAttitude AttitudeValidator::check(const Quaternion &quaternion, const Mat
         const TrackedStar &track = stars[i];
         const Point expected = project(lens_, sensor_direction(R, track.icrf));
         const double away = std::hypot(track.uv.x - expected.x, track.uv.y - expected.y);
+        residual_rad[i] = away * pixel_rad;
         square += away * away;
         // A centroid further away is not that of the star, and was not used.
         const double farthest_px = outlier * track.sigma_px;

@@ -60,14 +60,15 @@ public:
     /// Return the attitude of stars (count) by the solver of the options. Where errors are not round,
     /// the best fit to them starts at that of the solver, unless this takes two stars only. The
     /// covariance is inflated when chi2 rejects the residuals at such errors, and contains what is not
-    /// known of the observer.
+    /// known of the observer. residual_rad (count) is filled where there is an attitude: the angles
+    /// between the stars and the catalogue.
     TrustedAttitude solve(const KnownStar *stars, int count, const ObserverError &observer,
-                          Arena &arena);
+                          double *residual_rad, Arena &arena);
 
     /// Return the attitude of a star tracker, quaternion and covariance, if the rms distance of its
     /// tracks (count) from it is small.
     TrustedAttitude check(const Quaternion &quaternion, const Matrix3 &covariance, double chi2,
-                          const TrackedStar *stars, int count, Arena &arena);
+                          const TrackedStar *stars, int count, double *residual_rad, Arena &arena);
 
 private:
     TrustedAttitude trusted(const TrustedAttitude &attitude);
