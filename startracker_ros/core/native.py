@@ -243,10 +243,15 @@ def defaults() -> np.ndarray:
 
 
 def check_sky(path: Path) -> None:
-    """Raise NativeError unless the library accepts a sky file; OSError."""
+    """Raise NativeError, which names the file, unless the library accepts a sky file; OSError."""
+    if not path.stat().st_size:
+        raise NativeError(f'{path}: it is empty')
     file, fault = np.memmap(path, np.uint8, 'r'), np.zeros((), FAULT)
     sky = np.array((file.ctypes.data, len(file)), SKY)
-    check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
+    try:
+        check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
+    except NativeError as error:
+        raise NativeError(f'{path}: {error}') from error
 
 
 @cache

@@ -18,13 +18,18 @@ struct CellRange {
     int32_t first, last;
 };
 
+/// Return a number as a whole one from 0 to most, 0 for NaN.
+int32_t clipped(double number, int32_t most) {
+    // fmin() and fmax() would be calls.
+    return !(number > 0) ? 0 : number < most ? static_cast<int32_t>(number) : most;
+}
+
 /// Return the cells, along one axis, within a chord of a coordinate.
 CellRange cells_about(const Cells &cells, double coordinate, double chord) {
     const double half = cells.cells / 2.0, reach = chord + ROUNDING;
-    const double low = (coordinate - reach + 1) * half, high = (coordinate + reach + 1) * half;
-    const double last = cells.cells - 1;
-    return {static_cast<int32_t>(std::fmin(std::fmax(low, 0.0), last)),
-            static_cast<int32_t>(std::fmin(std::fmax(high, 0.0), last))};
+    const int32_t last = cells.cells - 1;
+    return {clipped((coordinate - reach + 1) * half, last),
+            clipped((coordinate + reach + 1) * half, last)};
 }
 
 /// Call visit(star) for the stars of all cells within a chord of a unit vector.
@@ -47,8 +52,7 @@ void visit_near(const Cells &cells, const Vector3 &centre, double chord, Visit v
 
 /// Return the step of the k-vector that a separation falls into, the first one for NaN.
 int32_t step_of(const Pairs &pairs, double separation_rad) {
-    const double step = (separation_rad - pairs.first_rad) * pairs.steps_per_rad;
-    return step > 0 ? static_cast<int32_t>(std::fmin(step, pairs.pairs)) : 0;
+    return clipped((separation_rad - pairs.first_rad) * pairs.steps_per_rad, pairs.pairs);
 }
 
 }  // namespace
@@ -80,16 +84,19 @@ int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad
             return;
         }
         ++found;
-        // A heap with the faintest star, that of the largest index, in front.
-        if (kept == capacity && kept > 0 && star < index[0]) {
-            std::pop_heap(index, index + kept--);
-        }
         if (kept < capacity) {
             index[kept++] = star;
+            if (kept == capacity) {
+                // The faintest star, that of the largest index, is then in front.
+                std::make_heap(index, index + kept);
+            }
+        } else if (kept > 0 && star < index[0]) {
+            std::pop_heap(index, index + kept);
+            index[kept - 1] = star;
             std::push_heap(index, index + kept);
         }
     });
-    std::sort_heap(index, index + kept);
+    std::sort(index, index + kept);
     return found;
 }
 
