@@ -124,7 +124,8 @@ ST_API void stt_open_model(const st_tracking_options *options, const st_hint *st
                            const double roll[3]);
 ST_API int32_t stt_add_star(const st_tracking_options *options, int32_t star,
                             const st_centroid *centroid, int32_t confirmed);
-ST_API void stt_select_tracks(const int32_t *kept);
+/* Both (tracks): which are kept, and which are confirmed. */
+ST_API void stt_select_tracks(const int32_t *kept, const int32_t *confirmed);
 /* track (tracks, 30): state 4, covariance 16, variance, flux, snr, sigma, residual, probability,
  * star, age, missed, confirmed. attitude and figures as of stt_fit_rotation, rates as above without
  * cross; unassociated (count); flags are good, has_fit, uses_gyro, code of gyro_trouble, tracks. */
