@@ -200,7 +200,7 @@ class View:
 
     def __init__(self, sky, camera, years=0.0, moved_au=(0.0, 0.0, 0.0)) -> None:
         self._sky = sky
-        call('stt_open_view', sky, camera_struct(camera), float(years), real(moved_au))
+        assert call('stt_open_view', sky, camera_struct(camera), float(years), real(moved_au))
 
     def add_observer(self, stamp_ns, observer) -> None:
         call('stt_add_observer', np.array(stamp_ns, np.int64), observer)
@@ -373,9 +373,11 @@ def sky_file(camera, direction, **columns) -> np.ndarray:
         'magnitude': np.full(count, 5.0), 'crowded': np.zeros(count, bool),
         'blended': np.zeros(count, bool), 'variation_mag': np.zeros(count, np.float32),
         'motion': np.zeros((count, 3), np.float32), 'parallax_rad': np.zeros(count, np.float32)}
-    # Patterns and pairs are not looked at.
+    patterns = {f'pattern_{name}': array for name, array in cells.items()}
+    pairs = {name: array[:name.endswith('below')] for name, array in _any_sky(camera).items()
+             if name.startswith(('pair_', 'bright_'))}
     content = BytesIO()
-    write_arrays(content, {**_any_sky(camera), **stars, **columns, **cells})
+    write_arrays(content, {**_any_sky(camera), **stars, **columns, **cells, **patterns, **pairs})
     return aligned(content.getvalue())
 
 

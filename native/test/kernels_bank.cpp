@@ -290,15 +290,18 @@ void stt_apparent(const st_observer *observer, const double *natural, int32_t co
     }
 }
 
-void stt_open_view(const st_sky *file, const st_camera *camera, double years,
-                   const double moved_au[3]) {
+int32_t stt_open_view(const st_sky *file, const st_camera *camera, double years,
+                      const double moved_au[3]) {
     scene.memory = {sky_memory, sizeof(sky_memory)};
-    open_sky(*file, scene.file, nullptr);
+    if (!open_sky(*file, scene.file, nullptr)) {
+        return 0;
+    }
     scene.lens = lens_of(*camera);
     start_sky(scene.file, {years, from<Vector3>(moved_au)}, scene.memory, scene.sky);
     start_view(scene.lens, stars_in_view_capacity(scene.file, scene.lens), scene.memory,
                scene.view);
     scene.frame = frame_for(4096, scene.memory);
+    return 1;
 }
 
 void stt_add_observer(const int64_t *stamp_ns, const st_observer *observer) {
