@@ -36,6 +36,11 @@ Arena work() {
     return {work_memory, sizeof(work_memory)};
 }
 
+/// Return work memory of just so many bytes: what does not fit is a null pointer.
+Arena just(size_t bytes, Arena &arena) {
+    return {arena.take<std::byte>(bytes), bytes};
+}
+
 template <class T>
 T from(const double *numbers) {
     T value;
@@ -129,7 +134,8 @@ double stt_marginalise(double *weight, int32_t tracks, int32_t columns, int32_t 
                        int32_t *left_out) {
     Arena arena = work();
     Association made = association_of(weight, tracks, columns, arena);
-    const double log_sum = marginalise(made, max_steps, arena);
+    Arena left = just(association_work_bytes(tracks, columns - 1), arena);
+    const double log_sum = marginalise(made, max_steps, left);
     into_table(made, weight);
     left_out[0] = made.pairing.left_out;
     left_out[1] = made.states_left_out;
@@ -141,15 +147,19 @@ void stt_associate(const double *predicted, const double *covariance, int32_t tr
                    const double detection[4], int32_t factor, const int32_t *confirmed,
                    double *probability, int32_t *unassociated, int32_t *left_out) {
     Arena arena = work();
-    Association made = association_for(tracks, centroids, arena);
+    Arena memory = just(association_bytes(tracks, centroids), arena);
+    Arena left = just(factor < 0 ? association_work_bytes(tracks, centroids)
+                                 : associate_stars_bytes(tracks, centroids),
+                      arena);
+    Association made = association_for(tracks, centroids, memory);
     const Places stars = places(predicted, covariance, tracks),
                  frame = places(uv, error, centroids);
     const auto model = from<DetectionModel>(detection);
     if (factor < 0) {
-        associate(stars, frame, model, made, arena);
+        associate(stars, frame, model, made, left);
     } else {
         associate_stars(stars, frame, model, static_cast<st_association>(factor), confirmed, made,
-                        arena);
+                        left);
     }
     if (probability != nullptr) {
         into_table(made, probability);
@@ -252,10 +262,10 @@ int32_t stt_body_rate(const st_camera *camera, const double *uv, const double *v
 int32_t stt_rate_between_frames(const st_camera *camera, const st_centroid *before,
                                 int32_t before_count, const st_centroid *after,
                                 int32_t after_count, double dt_s, double rate[3]) {
-    Arena arena = work();
+    Arena arena = work(), left = just(frame_motion_bytes(before_count, after_count), arena);
     Vector3 w{};
     const bool agree = rate_between_frames(lens_of(*camera), before, before_count, after,
-                                           after_count, dt_s, w, arena);
+                                           after_count, dt_s, w, left);
     into(rate, w);
     return agree ? 1 : 0;
 }
@@ -263,12 +273,12 @@ int32_t stt_rate_between_frames(const st_camera *camera, const st_centroid *befo
 void stt_star_neighbourhood(const st_camera *camera, const double *predicted, const double *icrf,
                             int32_t stars, const double *uv, const double *sigma_px,
                             int32_t centroids, int32_t *assigned) {
-    Arena arena = work();
+    Arena arena = work(), left = just(star_neighbourhood_bytes(stars, centroids), arena);
     const Lens lens = lens_of(*camera);
     star_neighbourhood(lens, 1 / std::sqrt(lens.fx * lens.fy),
                        reinterpret_cast<const Point *>(predicted),
                        reinterpret_cast<const Vector3 *>(icrf), stars,
-                       reinterpret_cast<const Point *>(uv), sigma_px, centroids, assigned, arena);
+                       reinterpret_cast<const Point *>(uv), sigma_px, centroids, assigned, left);
 }
 
 // --- sky ---
@@ -280,15 +290,18 @@ void stt_apparent(const st_observer *observer, const double *natural, int32_t co
     }
 }
 
-void stt_open_view(const st_sky *file, const st_camera *camera, double years,
-                   const double moved_au[3]) {
+int32_t stt_open_view(const st_sky *file, const st_camera *camera, double years,
+                      const double moved_au[3]) {
     scene.memory = {sky_memory, sizeof(sky_memory)};
-    open_sky(*file, scene.file, nullptr);
+    if (!open_sky(*file, scene.file, nullptr)) {
+        return 0;
+    }
     scene.lens = lens_of(*camera);
     start_sky(scene.file, {years, from<Vector3>(moved_au)}, scene.memory, scene.sky);
     start_view(scene.lens, stars_in_view_capacity(scene.file, scene.lens), scene.memory,
                scene.view);
     scene.frame = frame_for(4096, scene.memory);
+    return 1;
 }
 
 void stt_add_observer(const int64_t *stamp_ns, const st_observer *observer) {
@@ -378,10 +391,12 @@ int32_t stt_fit_rotation(const st_camera *camera, const double *icrf, const doub
     for (int i = 0; i < count; ++i) {
         chosen[i] = candidate[i] != 0;
     }
-    RotationFit fit = rotation_fit_for(count, arena);
+    Arena memory = just(rotation_fit_bytes(count), arena);
+    Arena left = just(rotation_fit_work_bytes(count), arena);
+    RotationFit fit = rotation_fit_for(count, memory);
     if (!fit_rotation(lens_of(*camera), reinterpret_cast<const Vector3 *>(icrf),
                       reinterpret_cast<const Point *>(uv), sigma_px, chosen,
-                      static_cast<st_solver>(solver), fit, arena)) {
+                      static_cast<st_solver>(solver), fit, left)) {
         return 0;
     }
     put_fit(fit, attitude, figures, normalised);
@@ -392,9 +407,9 @@ int32_t stt_fit_rotation(const st_camera *camera, const double *icrf, const doub
 int32_t stt_fit_identified(const st_tracking_options *options, const st_centroid *centroids,
                            const int32_t *hip, int32_t count, int32_t *star, st_centroid *centroid,
                            double attitude[13], double *scale, st_reason *reason) {
-    Arena arena = work();
+    Arena arena = work(), left = just(fit_identified_bytes(count), arena);
     if (!fit_identified(scene.lens, scene.sky, *options, 0, centroids, hip, count, scene.frame,
-                        *reason, arena)) {
+                        *reason, left)) {
         return 0;
     }
     const IdentifiedFrame &frame = scene.frame;
@@ -454,12 +469,13 @@ int32_t stt_add_star(const st_tracking_options *options, int32_t star, const st_
     return add_star(0, star, *centroid, confirmed != 0, *options, scene.model) ? 1 : 0;
 }
 
-void stt_select_tracks(const int32_t *kept) {
+void stt_select_tracks(const int32_t *kept, const int32_t *confirmed) {
     Arena arena = work();
     const int count = scene.model.bank.count;
     auto *mask = arena.take<bool>(static_cast<size_t>(count));
     for (int n = 0; n < count; ++n) {
         mask[n] = kept[n] != 0;
+        scene.model.bank[n].confirmed = confirmed[n] != 0;
     }
     select(scene.model.bank, mask);
 }
@@ -471,11 +487,8 @@ void stt_update_model(const st_tracking_options *options, const int64_t *stamp_n
     Arena arena = work();
     StarModel &model = scene.model;
     StarUpdate updated;
-    // Memory of an update of its own, as a tracker has it.
-    Arena memory(arena.take<std::byte>(star_update_bytes(*options, count)),
-                 star_update_bytes(*options, count));
-    Arena left(arena.take<std::byte>(star_update_work_bytes(*options, count)),
-               star_update_work_bytes(*options, count));
+    Arena memory = just(star_update_bytes(*options, count), arena);
+    Arena left = just(star_update_work_bytes(*options, count), arena);
     update_stars(*stamp_ns, centroids, count, roll_of(roll), scene.sky, *options, model, updated,
                  memory, left);
     for (int n = 0; n < model.bank.count; ++n) {

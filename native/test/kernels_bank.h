@@ -64,9 +64,10 @@ ST_API void stt_star_neighbourhood(const st_camera *camera, const double *predic
 ST_API void stt_apparent(const st_observer *observer, const double *natural, int32_t count,
                          double *apparent);
 
-/* The sky and the stars in view that the functions below are about: one at a time. */
-ST_API void stt_open_view(const st_sky *file, const st_camera *camera, double years,
-                          const double moved_au[3]);
+/* The sky and the stars in view that the functions below are about: one at a time. Returns whether
+ * the file has all that is needed. */
+ST_API int32_t stt_open_view(const st_sky *file, const st_camera *camera, double years,
+                             const double moved_au[3]);
 ST_API void stt_add_observer(const int64_t *stamp_ns, const st_observer *observer);
 /* Returns a number that changes when directions do; sigma (2) is that of velocity m/s and years. */
 ST_API int32_t stt_look(const int64_t *stamp_ns, double sigma[2]);
@@ -124,7 +125,8 @@ ST_API void stt_open_model(const st_tracking_options *options, const st_hint *st
                            const double roll[3]);
 ST_API int32_t stt_add_star(const st_tracking_options *options, int32_t star,
                             const st_centroid *centroid, int32_t confirmed);
-ST_API void stt_select_tracks(const int32_t *kept);
+/* Both (tracks): which are kept, and which are confirmed. */
+ST_API void stt_select_tracks(const int32_t *kept, const int32_t *confirmed);
 /* track (tracks, 30): state 4, covariance 16, variance, flux, snr, sigma, residual, probability,
  * star, age, missed, confirmed. attitude and figures as of stt_fit_rotation, rates as above without
  * cross; unassociated (count); flags are good, has_fit, uses_gyro, code of gyro_trouble, tracks. */

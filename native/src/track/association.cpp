@@ -310,20 +310,30 @@ void choose(const Cluster &cluster, const Layer &layer, double free, const State
     }
 }
 
-size_t most_after(const Cluster &cluster, const Layer &layer, size_t states) {
-    size_t choices = 1;
+/// Return the number of choices of a track: its shared centroids with a bit, and none of them.
+int choices_of(const Cluster &cluster, const Layer &layer) {
+    int choices = 1;
     for (int k = layer.first; k < layer.end; ++k) {
         choices += cluster.shared[k].bit != 0 ? 1 : 0;
     }
-    return states * choices;
+    return choices;
 }
 
-/// Fill in the states after a track, at most most_states, the most probable ones, and the sums of
-/// their events over the largest, which is returned.
-double step(Cluster &cluster, const Layer &layer, const States &before, States &after,
+/// Return the bound of the states after a track, so that they and those found by the next one fit.
+int most_after(const Cluster &cluster, int l) {
+    int most = MOST_STATES / cluster.layers;
+    if (l + 1 < cluster.layers) {
+        most = std::min(most, MOST_STATES / choices_of(cluster, cluster.layer[l + 1]));
+    }
+    return static_cast<int>(std::max<int64_t>(1, std::min<int64_t>(most, cluster.most_states)));
+}
+
+/// Fill in the states after a track, at most so many, the most probable ones, and the sums of their
+/// events over the largest, which is returned.
+double step(Cluster &cluster, const Layer &layer, const States &before, int most, States &after,
             Arena &work) {
     const Arena::Scope scope(work);
-    const size_t bound = most_after(cluster, layer, static_cast<size_t>(before.count));
+    const auto bound = static_cast<size_t>(before.count * choices_of(cluster, layer));
     States found{work.take<uint64_t>(bound), work.take<double>(bound), 0};
     Table table = table_for(bound, work);
     choose(cluster, layer, cluster.free_weight(layer.track), before,
@@ -343,7 +353,7 @@ double step(Cluster &cluster, const Layer &layer, const States &before, States &
     }
     int32_t *order = nullptr;
     after.count = found.count;
-    if (found.count > cluster.most_states) {
+    if (found.count > most) {
         // The table is not needed any more, and has room for both.
         order = table.slot;
         for (int s = 0; s < found.count; ++s) {
@@ -351,7 +361,7 @@ double step(Cluster &cluster, const Layer &layer, const States &before, States &
         }
         sort(order, found.count, order + found.count,
              [&](int32_t a, int32_t b) { return found.sum[a] > found.sum[b]; });
-        after.count = static_cast<int>(cluster.most_states);
+        after.count = most;
         cluster.rows.states_left_out += found.count - after.count;
     }
     for (int s = 0; s < after.count; ++s) {
@@ -416,21 +426,16 @@ double marginalise_cluster(Cluster &cluster, Arena &work) {
     give_bits(cluster, work);
     // The states before each layer, and after the last one.
     auto *states = work.take<States>(static_cast<size_t>(cluster.layers) + 1);
-    size_t bound = 1;
-    for (int l = 0; l <= cluster.layers; ++l) {
-        states[l] = {work.take<uint64_t>(bound), work.take<double>(bound), 0};
-        if (l == 0) {
-            states[0].assigned[0] = 0;
-            states[0].sum[0] = 1.0;
-            states[0].count = 1;
-        } else {
-            log_sum +=
-                std::log(step(cluster, cluster.layer[l - 1], states[l - 1], states[l], work));
-        }
-        if (l < cluster.layers) {
-            bound = most_after(cluster, cluster.layer[l], static_cast<size_t>(states[l].count));
-            bound = std::min(bound, static_cast<size_t>(cluster.most_states));
-        }
+    states[0] = {work.take<uint64_t>(1), work.take<double>(1), 1};
+    states[0].assigned[0] = 0;
+    states[0].sum[0] = 1.0;
+    for (int l = 0; l < cluster.layers; ++l) {
+        const Layer &layer = cluster.layer[l];
+        const int most = most_after(cluster, l);
+        const auto bound =
+            static_cast<size_t>(std::min(most, states[l].count * choices_of(cluster, layer)));
+        states[l + 1] = {work.take<uint64_t>(bound), work.take<double>(bound), 0};
+        log_sum += std::log(step(cluster, layer, states[l], most, states[l + 1], work));
     }
     double *after = work.take<double>(static_cast<size_t>(states[cluster.layers].count));
     std::fill_n(after, states[cluster.layers].count, 1.0);
@@ -463,12 +468,10 @@ size_t association_work_bytes(int tracks, int centroids) {
                             2 * Arena::padded<int32_t>(n) + Arena::padded<bool>(n) +
                             Arena::padded<Layer>(n) + Arena::padded<Shared>(pairs) +
                             Arena::padded<States>(n + 1) + 2 * Arena::padded<int>(pairs);
-    // A cluster has at least two pairings a track, so that all its states are half of MAX_STEPS at
-    // most, with three numbers each; those after a track are MAX_STEPS before they are chosen from.
-    const size_t most = MAX_STEPS + OPEN_CENTROIDS + 1;
-    const size_t states = 3 * (Arena::padded<double>(MAX_STEPS / 2) + (n + 2) * (ALIGNMENT + 8));
-    const size_t found = 2 * Arena::padded<double>(most) +
-                         Arena::padded<int32_t>(size_t{1} << table_bits(most)) +
+    // Of each state three numbers; those found by a track, before they are chosen from, are as many.
+    const size_t states = 3 * (Arena::padded<double>(MOST_STATES) + (n + 2) * (ALIGNMENT + 8));
+    const size_t found = 2 * Arena::padded<double>(MOST_STATES) +
+                         Arena::padded<int32_t>(size_t{1} << table_bits(MOST_STATES)) +
                          Arena::padded<double>(MOST_PAIRINGS);
     return std::max(gates, clusters + states + found);
 }

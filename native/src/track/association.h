@@ -19,9 +19,12 @@
 namespace st {
 
 /// Bound of the steps of a frame: pairings of track and shared centroid (missed counts as one)
-/// times the states after each track (see marginals). Twelve stars that all share twelve centroids,
-/// 10^10 events, are within it and exact. Beyond it only the most probable states stay.
-constexpr int MAX_STEPS = 250'000;
+/// times the states after each track (see marginalise()). Twelve stars that all share twelve
+/// centroids, 10^10 events, are within it and exact. Beyond it only the most probable states stay.
+constexpr int MAX_STEPS = 1'000'000;
+
+/// Bound of the states of a cluster, which is that of its memory; the same twelve stars have 24 000.
+constexpr int MOST_STATES = 65536;
 
 /// Centroids in the gate of one track that are kept, those of the largest densities.
 constexpr int MOST_PAIRINGS = 128;
