@@ -309,7 +309,7 @@ typedef enum {
     ST_REASON_NO_STARS,            /* s */
     ST_REASON_DIVERGED,            /* frames in a row, limit in sigma, last innovation in sigma */
     ST_REASON_GYRO_AT_RANGE_BLIND, /* no stars while the gyro is saturated */
-    ST_REASON_NOT_POSITIVE,        /* variances of turn and rate: not positive definite */
+    ST_REASON_NOT_POSITIVE,        /* diagonal of a covariance that is not positive definite */
     ST_REASON_BAD_FRAMES,          /* frames, stars that agreed in the last, rms px */
     /* contradictions: stars agree on an attitude, others show that it is wrong */
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */

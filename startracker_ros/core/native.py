@@ -22,6 +22,8 @@ VERSION = 2
 _FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
 
 
+_LIMITS = 6  # ST_MOST_LIMITS
+
 REMEDY = 'install the package again; in a checkout, python native/build.py'
 
 
@@ -131,6 +133,11 @@ STREAK = _struct(**_numbers('u_px v_px roll_rad at_u_px at_v_px'))
 SEARCH_OPTIONS = _struct(threshold_factor='f8', **_numbers(
     'most_stars points_only narrow reserved', 'i4'))
 
+LIMIT = _struct(name='u8', value='f8')
+CHECK = _struct(
+    name='u8', **_numbers('probability threshold'), **_numbers('dof frames reason limits', 'i4'),
+    limit=(LIMIT, _LIMITS))
+
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
 """All structs by their name in the header."""
@@ -173,7 +180,8 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
-    'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER))}
+    'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
+    'st_checks': (_POINTER, (_POINTER,))}
 """What each function returns and takes."""
 
 
@@ -225,3 +233,18 @@ def check_sky(path: Path) -> None:
     file, fault = np.memmap(path, np.uint8, 'r'), np.zeros((), FAULT)
     sky = np.array((file.ctypes.data, len(file)), SKY)
     check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
+
+
+@cache
+def checks() -> dict[str, np.ndarray]:
+    """Return all checks of integrity by name, each a CHECK."""
+    count = ctypes.c_size_t()
+    table = library().st_checks(ctypes.byref(count))
+    found = np.frombuffer((ctypes.c_byte * (CHECK.itemsize * count.value)).from_address(table),
+                          CHECK)
+    return {text_at(one['name']): one for one in found}
+
+
+def text_at(address: np.integer) -> str:
+    """Return the text of the library at an address."""
+    return ctypes.string_at(int(address)).decode()

@@ -12,6 +12,7 @@
 #include <cmath>
 #include <initializer_list>
 
+#include "reason.h"
 #include "startracker.h"
 #include "startracker_ground.h"
 
@@ -68,16 +69,7 @@ inline double sigmas(const st_check &check) {
     return std::sqrt(check.threshold);
 }
 
-/// Return a reason with its figures, in the order of st_reason_code.
-inline st_reason reason_of(int32_t code, std::initializer_list<double> figures) {
-    st_reason reason{code, 0, {}};
-    int k = 0;
-    for (const double figure : figures) {
-        reason.figure[k++] = figure;
-    }
-    return reason;
-}
-
+/// Return the reason of a check with its figures.
 inline st_reason reason_of(const st_check &check, std::initializer_list<double> figures) {
     return reason_of(check.reason, figures);
 }

@@ -1,0 +1,634 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Integrity of the native core for tests: its functions by ctypes, and a record of real runs.
+
+python test/native_integrity.py writes the record, native/integrity.npz, by the functions in Python
+with the same names: what goes into them in runs of transcripts.py, and what they give.
+"""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+import ctypes
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+from native_core import call, filled, kernels
+import numpy as np
+from startracker_ros.core import native
+from startracker_ros.core.integrity.checks import check_of
+
+RECORD = Path(__file__).parent / 'native' / 'integrity.npz'
+SOLVERS = ('quest', 'davenport', 'svd', 'triad')
+FIGURES = 9
+# of st_reason_code
+TRUSTED, NOT_FINITE, SIGMA, ZERO_LENGTH, SAME_STAR, PARALLEL = 600, 606, 607, 608, 609, 610
+GYRO_OPTIONS = np.array([3.0, 0.15, 100.0, 0.1])
+"""The defaults: drift deg/h, noise deg/sqrt(h), range deg/s, change of the rate deg/s^2."""
+
+TRUST_PX, TRUST_STARS = 1.0, 4
+PROBABILITIES = np.array([1e-7, 1e-5])
+
+
+# --- the native functions ---
+
+
+class Solved(NamedTuple):
+    """Code and figures of the reason; quaternion, covariance, chi2, residuals (N,) rad."""
+
+    code: int
+    figures: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    residual_rad: np.ndarray
+
+
+def solve(solver: str, sensor, icrf, sigma_rad) -> Solved:
+    """Return the attitude of directions (N, 3) with errors (N,)."""
+    count = len(sigma_rad)
+    figures, solution, residual = np.zeros(FIGURES), np.zeros(14), np.full(count, np.nan)
+    code = call('stt_solve', SOLVERS.index(solver), sensor, icrf, sigma_rad, count, figures,
+                solution, residual)
+    return Solved(code, figures, solution[:4], solution[4:13].reshape(3, 3), solution[13],
+                  residual)
+
+
+def best_rotation(solver: str, sensor, icrf, weight, sigma_rad) -> tuple[np.ndarray, float]:
+    """Return the matrix (3, 3) and the gap."""
+    matrix = np.zeros((3, 3))
+    gap = call('stt_best_rotation', SOLVERS.index(solver), sensor, icrf, weight, sigma_rad,
+               len(weight), matrix)
+    return matrix, gap
+
+
+def refine(matrix, sensor, icrf, weight, most_steps=5) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the refined matrix, the covariance and the determinant."""
+    refined, covariance = matrix.copy(), np.zeros((3, 3))
+    determinant = call('stt_refine', sensor, icrf, weight, len(weight), most_steps, refined,
+                       covariance)
+    return refined, covariance, determinant
+
+
+def triad(sensor, icrf, first, second) -> np.ndarray:
+    return filled('stt_triad', (3, 3), sensor, icrf, len(sensor), first, second)
+
+
+def cramer_rao(sensor, sigma_rad) -> np.ndarray:
+    return filled('stt_cramer_rao', (3, 3), sensor, sigma_rad, len(sigma_rad))
+
+
+def mean_chi2(solved: Solved, icrf, sigma_rad) -> float:
+    solution = np.concatenate([solved.quaternion, solved.covariance.ravel(), [0.0]])
+    return call('stt_mean_chi2', solution, icrf, sigma_rad, len(sigma_rad))
+
+
+def fit_error_ellipses(camera, uv, error, icrf, solved: Solved) -> Solved:
+    """Return the best fit to errors (N, 3): uu, uv, vv."""
+    solution = np.concatenate([
+        solved.quaternion, solved.covariance.ravel(), [solved.chi2]])
+    residual = solved.residual_rad.copy()
+    call('stt_fit_error_ellipses', camera, uv, error, icrf, len(uv), solution, residual)
+    return solved._replace(quaternion=solution[:4], covariance=solution[4:13].reshape(3, 3),
+                           chi2=solution[13], residual_rad=residual)
+
+
+def fit_rows(camera, star) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return product and energy (13,), edges (12,) and chi2 of stars (N, 15)."""
+    pattern = np.zeros(38)
+    chi2 = call('stt_fit_rows', camera, star, len(star), pattern)
+    return pattern[:13], pattern[13:26], pattern[26:], chi2
+
+
+def find_pattern(camera, star, memory) -> str:
+    """Return the pattern in words, empty for none; changes the memory (4,)."""
+    figures = np.zeros(FIGURES)
+    return sentence(call('stt_find_pattern', camera, star, len(star), memory, figures), figures)
+
+
+def contradiction(expected, uv, present_px) -> str:
+    """Return what contradicts an attitude, in words; expected (N, 4), uv (M, 2)."""
+    figures = np.zeros(FIGURES)
+    return sentence(call('stt_contradiction', expected, len(expected), uv, len(uv), present_px,
+                         figures), figures)
+
+
+def sentence(code: int, figures: Sequence[float]) -> str:
+    """Return the sentence of a reason of a check, empty for none."""
+    if not code:
+        return ''
+    check = check_of(code)
+    assert check is not None, code
+    return check.sentence(figures)
+
+
+def _sizes() -> list[int]:
+    sizes = np.zeros(2, np.int32)
+    call('stt_integrity_sizes', sizes)
+    return sizes.tolist()
+
+
+class LensError:
+    """As in lens_error.h."""
+
+    def __init__(self, camera) -> None:
+        self._camera, self._memory = camera, np.zeros(_sizes()[0], np.uint8)
+        self.value_px = self.scale = self.scale_sigma = 0.0
+
+    def add(self, index, star) -> bool:
+        """Add stars (N, 15) of catalogue entries (N,)."""
+        known = np.zeros(3)
+        first = call('stt_add_to_lens_error', self._camera, index.astype(np.int32), star,
+                     len(star), self._memory, known)
+        self.value_px, self.scale, self.scale_sigma = known
+        return bool(first)
+
+
+class StampJitter:
+    """As in stamp_jitter.h."""
+
+    def __init__(self) -> None:
+        self._memory = np.zeros(_sizes()[1], np.uint8)
+        call('stt_start_jitter', self._memory)
+        self.sigma_s, self.turn_rad = 0.0, np.zeros(3)
+
+    def interrupt(self) -> None:
+        call('stt_interrupt_jitter', self._memory)
+
+    def add(self, stamps_ns, before, predicted, corrected, turn, covariance) -> None:
+        """Add states (7,): quaternion, rate; stamps are those of before and of the frame."""
+        known = np.zeros(4)
+        call('stt_add_to_jitter', *map(int, stamps_ns), before, predicted, corrected, turn,
+             covariance, self._memory, known)
+        self.sigma_s, self.turn_rad = known[0], known[1:]
+
+
+def compare_gyro(rate_ns, rate, frame_ns, frame) -> np.ndarray:
+    """Return of frames (F, 25) whether the gyro contradicts and how many agreed, (F, 2)."""
+    found = np.zeros((len(frame), 2), np.int32)
+    call('stt_compare_gyro', GYRO_OPTIONS, rate_ns, rate, len(rate), frame_ns, frame, len(frame),
+         found)
+    return found
+
+
+def protection_level(covariance, sensor, sigma_rad, residual_rad, probabilities=PROBABILITIES,
+                     rejected=0) -> np.ndarray:
+    star = np.column_stack([sensor, sigma_rad, residual_rad])
+    return filled('stt_protection_level', (3,), covariance, star, len(star), probabilities,
+                  rejected)
+
+
+def trust_options(solver='quest', min_stars=TRUST_STARS, max_residual_px=TRUST_PX) -> np.ndarray:
+    return np.array((max_residual_px, *PROBABILITIES, SOLVERS.index(solver), min_stars),
+                    native.TRUST_OPTIONS)
+
+
+class Trusted(NamedTuple):
+    """Code and figures of the reason, and numbers (18,) as of stt_trust_stars."""
+
+    code: int
+    figures: np.ndarray
+    numbers: np.ndarray
+
+
+def trust_stars(camera, options, star, observer=(0.0, 0.0), previous=None) -> Trusted:
+    """Return the attitude of stars (N, 11); observer is sigma of velocity and epoch."""
+    figures, numbers = np.zeros(FIGURES), np.zeros(18)
+    code = call('stt_trust_stars', camera, options, star, len(star), *observer, previous, figures,
+                numbers)
+    return Trusted(code, figures, numbers)
+
+
+def trust_tracks(camera, options, quaternion, covariance, chi2, star, previous=None) -> Trusted:
+    """Return a tracked attitude, of stars (N, 7)."""
+    figures, numbers = np.zeros(FIGURES), np.zeros(18)
+    code = call('stt_trust_tracks', camera, options, quaternion, covariance, chi2, star,
+                len(star), previous, figures, numbers)
+    return Trusted(code, figures, numbers)
+
+
+def checks() -> dict[str, Any]:
+    """Return the table of the library for tests."""
+    count = ctypes.c_size_t()
+    table = kernels().st_checks(ctypes.byref(count))
+    found = np.frombuffer(
+        (ctypes.c_byte * (native.CHECK.itemsize * count.value)).from_address(table), native.CHECK)
+    return {native.text_at(one['name']): one for one in found}
+
+
+# --- inputs ---
+
+
+def directions(rng, count, half_width=0.1, noise=1e-4):
+    """Return sensor and ICRF directions (N, 3) of noisy stars, and their sigma (N,) rad."""
+    q = rng.normal(size=4)
+    x, y, z, w = q / np.linalg.norm(q)
+    matrix = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                       [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                       [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    sensor = np.column_stack([rng.uniform(-half_width, half_width, (count, 2)), np.ones(count)])
+    sensor /= np.linalg.norm(sensor, axis=1, keepdims=True)
+    icrf, sigma = sensor @ matrix.T, rng.uniform(1, 3, count) * noise
+    sensor = sensor + rng.normal(size=sensor.shape) * sigma[:, None]
+    return sensor / np.linalg.norm(sensor, axis=1, keepdims=True), icrf, sigma
+
+
+def solver_inputs() -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return sensor, ICRF and sigma by name: good fields, and what no attitude follows from."""
+    rng = np.random.default_rng(7)
+    found = {f'{count} stars, {half_width:g} rad': directions(rng, count, half_width)
+             for count in (2, 3, 5, 20, 60) for half_width in (0.003, 0.1, 1.0)}
+    sensor, icrf, sigma = directions(rng, 6)
+
+    def changed(name, *, star=2, sensor=sensor, icrf=icrf, sigma=sigma, **values):
+        arrays = {'sensor': sensor.copy(), 'icrf': icrf.copy(), 'sigma': sigma.copy()}
+        for key, value in values.items():
+            arrays[key.removesuffix('_')][star] = value
+        found[name] = arrays['sensor'], arrays['icrf'], arrays['sigma']
+
+    changed('same star twice', sensor_=sensor[4], icrf_=icrf[4])
+    changed('same direction in the image alone', sensor_=sensor[4])
+    changed('not a number', sensor_=[np.nan, 0, 1])
+    changed('infinite', icrf_=[np.inf, 0, 1])
+    changed('sigma not a number', sigma_=np.nan)
+    changed('sigma of zero', sigma_=0.0)
+    changed('sigma below zero', sigma_=-1e-4)
+    changed('zero length', sensor_=np.zeros(3))
+    changed('zero length and sigma of zero', sensor_=np.zeros(3), sigma_=0.0)
+    changed('not a number and sigma of zero', icrf_=[0, np.nan, 0], sigma_=0.0)
+    changed('very long', sensor_=1e200 * sensor[2])
+    changed('very short', icrf_=1e-200 * icrf[2])
+    changed('one star decides alone', sigma=np.where(np.arange(6) == 1, 1e-9, 1.0))
+    found['mirrored'] = sensor * [-1, 1, 1], icrf, sigma
+    axis = np.array([0.1, -0.2, 1.0])
+    found['parallel'] = np.outer([1, 2, 3.0], axis), np.outer([3, 1, 2.0], axis), sigma[:3]
+    found['0.1 arcsec apart'] = *(np.array([[0, 0, 1], [5e-7, 0, 1.0]]),) * 2, sigma[:2]
+    found['opposite'] = *(np.array([[0, 0, 1], [0, 0, -1.0]]),) * 2, sigma[:2]
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    found['half turn'] = sensor, sensor @ half_turn, sigma
+    contradicting = icrf.copy()
+    contradicting[:2] = icrf[1::-1]
+    found['two stars exchanged'] = (
+        sensor, contradicting, np.where(np.arange(6) < 2, 0.9, 1) * 1e-4)
+    found['no rotation'] = *rng.normal(size=(2, 8, 3)), 10 ** rng.uniform(-5, -4, 8)
+    return found
+
+
+ROW_FAULTS = ('as recorded', 'torn', 'line time', 'scale', 'stars off', 'few stars')
+
+
+def with_row_fault(fault: str, star: np.ndarray, camera: Any, scale: float) -> np.ndarray:
+    """
+    Return stars (N, 16) of a frame, catalogue entry first, with residuals by a fault.
+
+    scale is the one that is known of the lens, which has predicted the stars.
+    """
+    star = star[:6] if fault == 'few stars' else star.copy()
+    u, v, velocity = star[:, 1], star[:, 2], star[:, 14:]
+    away = np.column_stack([u - camera['cx_px'], v - camera['cy_px']])
+    residual = star[:, 3:5]
+    if fault == 'torn':
+        residual += np.where(v > 0.6 * camera['height_px'], -0.02, 0.0)[:, None] * velocity
+    elif fault == 'line time':
+        residual += 20e-6 * (v - camera['height_px'] / 2)[:, None] * velocity
+    elif fault == 'scale':
+        residual += (1e-3 - scale) * away
+    elif fault == 'stars off':
+        angle = 2.4 * star[:, 0]
+        residual += 0.3 * np.column_stack([np.cos(angle), np.sin(angle)]) - scale * away
+    return star
+
+
+EXPECTED_FAULTS = ('as recorded', 'ghost', 'late', 'hidden', 'elsewhere')
+
+
+def with_stars_elsewhere(fault: str, star: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Return centroids (M, 2) of which a part does not show the expected stars (N, 4)."""
+    low = uv[:, 1] > np.median(star[:, 1])
+    if fault == 'ghost':
+        return np.where(low[:, None], uv + [12.0, -7.0], uv)
+    if fault == 'late':
+        away = np.hypot(*(uv[:, None] - star[:, :2]).transpose(2, 0, 1))
+        return np.where(low[:, None], uv + 0.1 * star[away.argmin(axis=1), 2:] + 1.0, uv)
+    if fault == 'hidden':
+        return uv[~low].copy()
+    if fault == 'elsewhere':
+        scattered = np.random.default_rng(len(uv)).uniform(0, 1000, (len(uv), 2))
+        return np.where(low[:, None], scattered, uv)
+    return uv
+
+
+STAMP_FAULTS = ('as recorded', '5 ms', 'shaken')
+
+
+def with_stamp_errors(fault: str, numbers: np.ndarray) -> np.ndarray:
+    """Return states, turns and covariances (F, 33) of frames whose stamps err, or that shake."""
+    rng, numbers = np.random.default_rng(4), numbers.copy()
+    if fault == '5 ms':
+        numbers[:, 21:24] += rng.normal(0, 5e-3, (len(numbers), 1)) * numbers[:, 11:14]
+    elif fault == 'shaken':
+        speed = np.linalg.norm(numbers[:, 11:14], axis=1, keepdims=True)
+        numbers[:, 21:24] += rng.normal(0, 5e-3, (len(numbers), 3)) * speed
+    return numbers
+
+
+def camera_struct(camera) -> np.ndarray:
+    """Return an st_camera of a plumb_bob lens without distortion."""
+    struct = np.zeros((), native.CAMERA)
+    for name in ('width', 'height', 'fx', 'fy', 'cx', 'cy'):
+        struct[f'{name}_px'] = getattr(camera, name)
+    assert not any(camera.distortion)
+    return struct
+
+
+# --- the record, by the functions in Python ---
+
+RUNS = {  # how many frames
+    'torn frames 1 deg/s': 36, 'rolling shutter 1 deg/s': 12, 'list, stamps that err by 5 ms': 40,
+    'list, sway 0.05 deg, 1 s, exposed 0.1 s': 40, 'slews to 3 deg/s, gyro': 60,
+    'slews, gyro in deg/s': 60, 'list, three images in a row one frame late, 1 deg/s': 40,
+    'half of the image covered': 40, '30 false, 20 % missing': 20, 'smear 5 deg/s, 20 ms': 20,
+    'start with 100 spots': 20}
+OF_ROWS = ('torn frames 1 deg/s', 'rolling shutter 1 deg/s', 'list, stamps that err by 5 ms')
+OF_STAMPS = ('list, stamps that err by 5 ms', 'list, sway 0.05 deg, 1 s, exposed 0.1 s',
+             'slews to 3 deg/s, gyro')
+OF_GYRO = ('slews to 3 deg/s, gyro', 'slews, gyro in deg/s')
+OF_EXPECTED = ('torn frames 1 deg/s', 'list, three images in a row one frame late, 1 deg/s',
+               'half of the image covered', '30 false, 20 % missing', 'start with 100 spots')
+OF_TRUST = ('torn frames 1 deg/s', 'smear 5 deg/s, 20 ms', 'half of the image covered')
+
+
+def _listen(stack: ExitStack, owner: Any, name: str) -> list:
+    """Return a list that gets the arguments of all calls of a function or method."""
+    original, calls = getattr(owner, name), []
+
+    def listened(*arguments):
+        calls.append(arguments)
+        return original(*arguments)
+    stack.enter_context(patch.object(owner, name, listened))
+    return calls
+
+
+def _run(name: str) -> tuple[list, dict[str, list], Any]:
+    """Return the frames of a run, the calls of integrity, and the camera."""
+    from startracker_ros.core.attitude.gyro import Gyro
+    from startracker_ros.core.integrity import gyro_agreement, lens_error, stamp_jitter, validation
+    from startracker_ros.core.track import track_filter
+    from transcripts import frames_of
+    frames: list = []
+    listened: dict[str, list] = {}
+    with ExitStack() as stack:
+        for key, owner, method in (
+                ('lens', lens_error.LensError, 'add'), ('stamps', stamp_jitter.StampJitter, 'add'),
+                ('interrupt', stamp_jitter.StampJitter, 'interrupt'),
+                ('gyro', gyro_agreement.GyroAgreement, 'add'), ('rate', Gyro, 'add'),
+                ('check', validation.AttitudeValidator, 'check'),
+                ('expected', track_filter, 'expected_stars')):
+            listened[key] = _listen(stack, owner, method)
+        for frame in frames_of(name):
+            frames.append(frame)
+            if len(frames) == RUNS[name]:
+                break
+    return frames, listened, listened['check'][0][0]._camera
+
+
+def _rows(calls, camera) -> dict[str, np.ndarray]:
+    from startracker_ros.core.integrity.consistency import Residuals, RowPattern
+    from startracker_ros.core.integrity.lens_error import LensError as Twin
+    stars = [np.column_stack([
+        index, one.uv, one.residual, one.error[:, 0], one.error[:, 1, 1],
+        one.flow.reshape(-1, 6), one.velocity]) for _, index, one in calls['lens']]
+    results, texts = [], []
+    for fault in ROW_FAULTS:
+        pattern, lens = RowPattern(camera), Twin(camera)
+        for recorded in stars:
+            star = with_row_fault(fault, recorded, camera_struct(camera), lens.scale)
+            residuals = Residuals(*map(np.ascontiguousarray, (
+                star[:, 1:3], star[:, 3:5], star[:, [5, 6, 6, 7]].reshape(-1, 2, 2),
+                star[:, 8:14].reshape(-1, 2, 3), star[:, 14:])))
+            texts.append(pattern.find(residuals))
+            first = lens.add(star[:, 0].astype(np.int64), residuals)
+            results.append([lens.value_px, lens.scale, lens.scale_sigma, first, *pattern._slope,
+                            pattern._frames])
+    return {'rows/star': np.concatenate(stars), 'rows/stars': np.array([*map(len, stars)]),
+            'rows/text': np.array(texts), 'rows/known': np.array(results)}
+
+
+def _stamps(calls) -> dict[str, np.ndarray]:
+    from startracker_ros.core.attitude.attitude_state import AttitudeState
+    from startracker_ros.core.integrity.stamp_jitter import StampJitter as Twin
+    stamps, recorded, known = [], [], []
+    for _, before, predicted, corrected, turn, R in calls['stamps']:
+        # A frame that is not used lies between; and once in the middle.
+        interrupted = stamps and (before.stamp_ns != stamps[-1][1] or len(stamps) == 25)
+        stamps.append((before.stamp_ns, corrected.stamp_ns, bool(interrupted)))
+        recorded.append(np.concatenate([
+            before.quaternion, before.rate, predicted.quaternion, predicted.rate,
+            corrected.quaternion, corrected.rate, turn, R.ravel()]))
+    for fault in STAMP_FAULTS:
+        twin = Twin()
+        for (before_ns, stamp_ns, interrupted), numbers in zip(
+                stamps, with_stamp_errors(fault, np.array(recorded))):
+            if interrupted:
+                twin.interrupt()
+            before, predicted, corrected = (AttitudeState(
+                at_ns, state[:4].copy(), state[4:].copy(), np.zeros(3), np.zeros((9, 9)))
+                for at_ns, state in zip((before_ns, stamp_ns, stamp_ns),
+                                        numbers[:21].reshape(3, 7)))
+            twin.add(before, predicted, corrected, numbers[21:24].copy(),
+                     numbers[24:].reshape(3, 3).copy())
+            known.append([twin.sigma_s, *twin.turn_rad])
+    return {'stamps/ns': np.array(stamps), 'stamps/numbers': np.array(recorded),
+            'stamps/known': np.array(known)}
+
+
+def _gyro(calls) -> dict[str, np.ndarray]:
+    from startracker_ros.core.attitude.gyro import Gyro
+    from startracker_ros.core.integrity.gyro_agreement import GyroAgreement
+    rates = [(stamp_ns, rate) for _, stamp_ns, rate in calls['rate']]
+    frames = [one[1:] for one in calls['gyro']]
+    gyro, found, numbers = Gyro(), [], []
+    agreement, left = GyroAgreement(gyro), list(rates)
+    for stamp_ns, *values in frames:
+        while left and left[0][0] <= stamp_ns:
+            gyro.add(*left.pop(0))
+        against = agreement.add(stamp_ns, *values)
+        found.append([against, agreement._agreed])
+        numbers.append(np.concatenate([np.ravel(value) for value in values]))
+    return {'gyro/rate_ns': np.array([one for one, _ in rates]),
+            'gyro/rate': np.array([one for _, one in rates]),
+            'gyro/frame_ns': np.array([one[0] for one in frames]),
+            'gyro/frame': np.array(numbers), 'gyro/found': np.array(found)}
+
+
+def _expected(calls) -> dict[str, np.ndarray]:
+    from startracker_ros.core.integrity.consistency import expected_stars
+    kept, texts = calls['expected'][1::6], []
+    for expected, velocity, uv, present_px in kept:
+        star = np.column_stack([expected, velocity])
+        texts += [expected_stars(expected, velocity, with_stars_elsewhere(fault, star, uv),
+                                 present_px) for fault in EXPECTED_FAULTS]
+    return {'expected/star': np.concatenate([np.column_stack(one[:2]) for one in kept]),
+            'expected/stars': np.array([len(one[0]) for one in kept]),
+            'expected/uv': np.concatenate([one[2] for one in kept]),
+            'expected/centroids': np.array([len(one[2]) for one in kept]),
+            'expected/present_px': np.array([one[3] for one in kept]),
+            'expected/text': np.array(texts)}
+
+
+def _outcome(trusted) -> tuple[np.ndarray, str]:
+    """Return numbers (18,) and the reason of a TrustedAttitude in Python."""
+    one = trusted.attitude
+    if one is None:
+        return np.full(18, np.nan), trusted.reason
+    return np.concatenate([
+        one.quaternion, one.covariance_sensor.ravel(), [one.chi2, np.nan],
+        trusted.protection_rad]), trusted.reason
+
+
+def _tracks(calls, camera) -> dict[str, np.ndarray]:
+    from startracker_ros.core.integrity.validation import AttitudeValidator, ValidationOptions
+    stars, numbers, results, texts = [], [], [], []
+    for index, (_, sky, tracked, uv, hip, sigma_px, residual_px) in enumerate(calls['check']):
+        # Every fifth with few stars, every seventh aside.
+        few = slice(3 + index % 4) if index % 5 == 4 else slice(None)
+        uv, hip, sigma_px, residual_px = uv[few], hip[few], sigma_px[few], residual_px[few]
+        if index % 7 == 6:
+            uv = uv + 0.9
+        found, text = _outcome(AttitudeValidator(camera, ValidationOptions()).check(
+            sky, tracked, uv, hip, sigma_px, residual_px))
+        entry = sky.onboard.index_of(hip)
+        assert (entry >= 0).all()
+        stars.append(np.column_stack([uv, sky.direction(entry), sigma_px, residual_px]))
+        numbers.append([*tracked.quaternion, *tracked.covariance_sensor.ravel(), tracked.chi2])
+        results.append(found)
+        texts.append(text)
+    return {'tracks/star': np.concatenate(stars), 'tracks/stars': np.array([*map(len, stars)]),
+            'tracks/attitude': np.array(numbers), 'tracks/trusted': np.array(results),
+            'tracks/text': np.array(texts)}
+
+
+def _solved(frames, calls, camera) -> dict[str, np.ndarray]:
+    """Return frames that were identified, by all solvers, with an observer that is not known."""
+    from startracker_ros.core.astro.observer_motion import AT_REST
+    from startracker_ros.core.integrity.validation import AttitudeValidator, ValidationOptions
+    sky = calls['check'][0][1]
+    observer = AT_REST._replace(velocity_sigma_m_s=300.0, epoch_sigma_years=2.0)
+    sky = sky.seen_by(observer)
+    stars, results, texts = [], [], []
+    for index, frame in enumerate([one for one in frames if one.identification is not None][:4]):
+        centroids = frame.centroids
+        entry = sky.onboard.index_of(frame.identification.hip)
+        known = entry >= 0
+        hip = np.where(known, frame.identification.hip, 0)
+        uv = centroids.uv.copy()
+        if index == 3:
+            uv[::2] += 3.0  # does not fit
+        error = centroids.covariance * (0.2 if index == 2 else 1.0)  # chi2 is large
+        for solver in SOLVERS:
+            found, text = _outcome(AttitudeValidator(
+                camera, ValidationOptions(solver=solver)).solve(sky, uv, hip, error))
+            results.append(found)
+            texts.append(text)
+        motion = sky.motion(entry[known])
+        stars.append(np.column_stack([
+            uv[known], error[known][:, 0], error[known][:, 1, 1], sky.direction(entry[known]),
+            motion]))
+    return {'solved/star': np.concatenate(stars), 'solved/stars': np.array([*map(len, stars)]),
+            'solved/trusted': np.array(results), 'solved/text': np.array(texts)}
+
+
+def _solutions() -> dict[str, np.ndarray]:
+    """Return what the solvers give of solver_inputs(): status and stars, then numbers."""
+    from startracker_ros.core.attitude import solution
+    results = []
+    for sensor, icrf, sigma in solver_inputs().values():
+        for solver in range(4):
+            status, star, twin, q, P, residual, chi2 = solution.solve(
+                solver, *map(np.array, (sensor, icrf, sigma)))
+            good = status == solution.SOLVED
+            results.append([status, star, twin, *(q if good else np.full(4, np.nan)),
+                            *(P.ravel() if good else np.full(9, np.nan)), chi2,
+                            residual.max() if good else np.nan])
+    return {'solutions': np.array(results)}
+
+
+def _covariances() -> dict[str, np.ndarray]:
+    """Return what functions of covariances give for random input; native_inputs() has it."""
+    from startracker_ros.core.attitude.result import pointing_covariance
+    from startracker_ros.core.integrity.protection import (
+        protection_level as level, ProtectionOptions)
+    from startracker_ros.core.integrity import systematic_errors as twin
+    results = []
+    for one in covariance_inputs():
+        results.append(np.concatenate([
+            twin.velocity_covariance(250.0, one.sensor, one.sigma).ravel(),
+            twin.lens_covariance(1e-5, 2e-4, one.sensor, one.sigma).ravel(),
+            twin.epoch_covariance(one.q, 3.0, one.sensor, one.sigma, one.motion).ravel(),
+            pointing_covariance(one.common, one.camera).ravel(),
+            pointing_covariance(one.common, one.camera, one.rate).ravel(),
+            level(one.P, one.sensor, one.sigma, one.residual),
+            level(one.P, one.sensor, one.sigma, one.residual, ProtectionOptions(1e-4, 1e-3), 2)]))
+    return {'covariances': np.array(results)}
+
+
+class CovarianceInput(NamedTuple):
+    """Stars (N, ...) of an attitude with its covariance."""
+
+    sensor: np.ndarray
+    sigma: np.ndarray
+    q: np.ndarray
+    motion: np.ndarray
+    residual: np.ndarray
+    P: np.ndarray
+    common: np.ndarray
+    rate: np.ndarray
+    camera: Any
+
+
+def covariance_inputs() -> list[CovarianceInput]:
+    from startracker_ros.core.camera.model import Camera
+    rng, found = np.random.default_rng(12), []
+    for count in (2, 3, 4, 7, 14, 40):
+        sensor, icrf, sigma = directions(rng, count)
+        root, pointing = rng.normal(size=(3, 3)) * 1e-5, rng.normal(size=(2, 2))
+        q = rng.normal(size=4)
+        found.append(CovarianceInput(
+            sensor, sigma, q / np.linalg.norm(q), rng.normal(size=(count, 3)) * 1e-7,
+            np.abs(rng.normal(size=count)) * sigma, cramer_rao(sensor, sigma) + root @ root.T,
+            pointing @ pointing.T, rng.normal(size=3) * 0.01, Camera.from_fov(1024, 768, 12.0)))
+    return found
+
+
+def record() -> dict[str, np.ndarray]:
+    """Return the arrays of the record, by run and name."""
+    arrays: dict[str, np.ndarray] = {**_solutions(), **_covariances()}
+    for name in RUNS:
+        frames, calls, camera = _run(name)
+        of_run: dict[str, np.ndarray] = {
+            'camera': np.frombuffer(camera_struct(camera).tobytes(), np.uint8)}
+        for runs, made in ((OF_ROWS, partial(_rows, calls, camera)),
+                           (OF_STAMPS, partial(_stamps, calls)), (OF_GYRO, partial(_gyro, calls)),
+                           (OF_EXPECTED, partial(_expected, calls)),
+                           (OF_TRUST, partial(_tracks, calls, camera)),
+                           (OF_TRUST, partial(_solved, frames, calls, camera))):
+            if name in runs:
+                of_run |= made()
+        arrays |= {f'{name}/{key}': value for key, value in of_run.items()}
+        print(name, {key: len(value) for key, value in of_run.items() if key.endswith('text')})
+    return arrays
+
+
+def spans(counts: np.ndarray) -> list[slice]:
+    """Return where each of lists of these lengths is, one after the other."""
+    ends = [0, *np.cumsum(counts).tolist()]
+    return [slice(*one) for one in pairwise(ends)]
+
+
+if __name__ == '__main__':
+    np.savez_compressed(RECORD, **record())
+    print(RECORD, RECORD.stat().st_size // 1000, 'kB')
