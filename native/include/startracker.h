@@ -321,6 +321,7 @@ typedef enum {
     ST_REASON_GYRO_AT_RANGE = 500,
     ST_REASON_GYRO_DISAGREES, /* rate of the gyro rad/s x y z, of the stars x y z */
     ST_REASON_ROLL_DISAGREES, /* a filter for each star: stars are not where the roll has them */
+    ST_REASON_NO_ROLL,        /* no rates: roll_by_gyro has no effect */
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
     ST_REASON_NOT_TRACKED,        /* the tracking has no attitude */

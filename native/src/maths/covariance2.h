@@ -33,4 +33,16 @@ inline Covariance2 error_of(const st_centroid &centroid, double floor_px2) {
     return {uu > floor_px2 ? uu : floor_px2, centroid.cov_uv_px2, vv > floor_px2 ? vv : floor_px2};
 }
 
+/// Return the error that all centroids (count) of a frame share, that of the largest; zero for none.
+inline Covariance2 common_error(const st_centroid *centroids, int count) {
+    Covariance2 common{};
+    for (int j = 0; j < count; ++j) {
+        const st_centroid &one = centroids[j];
+        if (one.common_uu_px2 + one.common_vv_px2 > common.uu + common.vv) {
+            common = {one.common_uu_px2, one.common_uv_px2, one.common_vv_px2};
+        }
+    }
+    return common;
+}
+
 }  // namespace st

@@ -29,8 +29,7 @@ const Pairing *Association::best(int track) const {
 namespace {
 
 size_t most_pairings(int tracks, int centroids) {
-    return static_cast<size_t>(tracks) *
-           static_cast<size_t>(std::min(centroids, MOST_PAIRINGS));
+    return static_cast<size_t>(tracks) * static_cast<size_t>(std::min(centroids, MOST_PAIRINGS));
 }
 
 }  // namespace
@@ -126,8 +125,7 @@ void gate_centroids(const Places &predicted, const Places &centroids, double gat
     }
 }
 
-void weigh_events(const DetectionModel &detection, double clutter_px2,
-                  Association &association) {
+void weigh_events(const DetectionModel &detection, double clutter_px2, Association &association) {
     const double factor = detection.detection_probability / clutter_px2;
     const double missed = 1 - detection.detection_probability * detection.gate_probability;
     std::fill_n(association.missed, association.tracks, missed);
@@ -321,9 +319,9 @@ size_t most_after(const Cluster &cluster, const Layer &layer, size_t states) {
 }
 
 /// Fill in the states after a track, at most most_states, the most probable ones, and the sums of
-/// their events over the largest.
-void step(Cluster &cluster, const Layer &layer, const States &before, States &after,
-          Arena &work) {
+/// their events over the largest, which is returned.
+double step(Cluster &cluster, const Layer &layer, const States &before, States &after,
+            Arena &work) {
     const Arena::Scope scope(work);
     const size_t bound = most_after(cluster, layer, static_cast<size_t>(before.count));
     States found{work.take<uint64_t>(bound), work.take<double>(bound), 0};
@@ -361,6 +359,7 @@ void step(Cluster &cluster, const Layer &layer, const States &before, States &af
         after.assigned[s] = found.assigned[from];
         after.sum[s] = found.sum[from] / largest;
     }
+    return largest;
 }
 
 /// Fill in the sums (before.count) over this track and later ones, and make its row marginals.
@@ -378,8 +377,7 @@ void step_back(Cluster &cluster, const Layer &layer, const States &before, const
     const double free = cluster.free_weight(layer.track);
     double free_sum = 0.0;
     choose(cluster, layer, free, before, [&](int s, int k, uint64_t claim, double value) {
-        const int32_t next =
-            table(after.assigned, (before.assigned[s] | claim) & ~layer.closing);
+        const int32_t next = table(after.assigned, (before.assigned[s] | claim) & ~layer.closing);
         if (next < 0) {
             return;
         }
@@ -409,9 +407,11 @@ void step_back(Cluster &cluster, const Layer &layer, const States &before, const
     }
 }
 
-/// Turn the rows of a cluster from weights into marginal probabilities.
-void marginalise_cluster(Cluster &cluster, Arena &work) {
+/// Turn the rows of a cluster from weights into marginal probabilities; return the logarithm of the
+/// sum of its events.
+double marginalise_cluster(Cluster &cluster, Arena &work) {
     const Arena::Scope scope(work);
+    double log_sum = 0.0;
     order_layers(cluster);
     give_bits(cluster, work);
     // The states before each layer, and after the last one.
@@ -424,7 +424,8 @@ void marginalise_cluster(Cluster &cluster, Arena &work) {
             states[0].sum[0] = 1.0;
             states[0].count = 1;
         } else {
-            step(cluster, cluster.layer[l - 1], states[l - 1], states[l], work);
+            log_sum +=
+                std::log(step(cluster, cluster.layer[l - 1], states[l - 1], states[l], work));
         }
         if (l < cluster.layers) {
             bound = most_after(cluster, cluster.layer[l], static_cast<size_t>(states[l].count));
@@ -439,6 +440,8 @@ void marginalise_cluster(Cluster &cluster, Arena &work) {
         step_back(cluster, cluster.layer[l], states[l], states[l + 1], after, before, work);
         after = before;
     }
+    // After the last track all centroids are closed: one state is left, of the sum 1.
+    return log_sum;
 }
 
 /// Return the representative of the cluster of a track, the path to it halved.
@@ -470,13 +473,14 @@ size_t association_work_bytes(int tracks, int centroids) {
     return std::max(gates, clusters + states + found);
 }
 
-void marginalise(Association &association, int64_t max_steps, Arena &work) {
+double marginalise(Association &association, int64_t max_steps, Arena &work) {
     const Arena::Scope scope(work);
     const int tracks = association.tracks;
     const auto n = static_cast<size_t>(tracks), m = static_cast<size_t>(association.centroids);
     auto *claims = work.take<int32_t>(m), *first = work.take<int32_t>(m);
     auto *parent = work.take<int32_t>(n);
     std::fill_n(claims, m, 0);
+    double log_sum = 0.0;
     for (int track = 0; track < tracks; ++track) {
         parent[track] = track;
     }
@@ -485,6 +489,7 @@ void marginalise(Association &association, int64_t max_steps, Arena &work) {
         for (Pairing *one = association.begin(track); one < association.end(track); ++one) {
             total += one->value;
         }
+        log_sum += std::log(total);
         association.missed[track] /= total;
         for (Pairing *one = association.begin(track); one < association.end(track); ++one) {
             one->value /= total;
@@ -511,7 +516,7 @@ void marginalise(Association &association, int64_t max_steps, Arena &work) {
         shared_count += shared;
     }
     if (pairings == 0) {
-        return;
+        return log_sum;
     }
     auto *remaining = work.take<int32_t>(m);
     auto *own = work.take<uint64_t>(m);
@@ -537,16 +542,14 @@ void marginalise(Association &association, int64_t max_steps, Arena &work) {
             }
             layer[layers++] = {track, begin, count, 0};
         }
-        Cluster cluster{association,
-                        claims,
-                        remaining,
-                        own,
-                        layer,
-                        layers,
-                        shared,
-                        std::max<int64_t>(1, max_steps / std::max<int64_t>(1, pairings))};
-        marginalise_cluster(cluster, work);
+        Cluster cluster{
+            association, claims,
+            remaining,   own,
+            layer,       layers,
+            shared,      std::max<int64_t>(1, max_steps / std::max<int64_t>(1, pairings))};
+        log_sum += marginalise_cluster(cluster, work);
     }
+    return log_sum;
 }
 
 }  // namespace st

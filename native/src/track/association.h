@@ -56,11 +56,11 @@ struct Places {
 /// in the order of the centroids; all others are impossible.
 struct Association {
     int tracks, centroids;
-    double *missed;          // (tracks)
-    int32_t *start;          // (tracks + 1): pairings of track n are start[n] to start[n + 1] - 1
-    List<Pairing> pairing;   // left_out counts those beyond MOST_PAIRINGS a track
-    bool *unassociated;      // (centroids): in no gate
-    int states_left_out;     // of a cluster that is beyond MAX_STEPS
+    double *missed;         // (tracks)
+    int32_t *start;         // (tracks + 1): pairings of track n are start[n] to start[n + 1] - 1
+    List<Pairing> pairing;  // left_out counts those beyond MOST_PAIRINGS a track
+    bool *unassociated;     // (centroids): in no gate
+    int states_left_out;    // of a cluster that is beyond MAX_STEPS
 
     const Pairing *begin(int track) const { return pairing.item + start[track]; }
     const Pairing *end(int track) const { return pairing.item + start[track + 1]; }
@@ -100,11 +100,12 @@ void gate_centroids(const Places &predicted, const Places &centroids, double gat
 /// clutter_px2 > 0 is the density of false centroids per px^2.
 void weigh_events(const DetectionModel &detection, double clutter_px2, Association &association);
 
-/// Make weights the association probabilities.
+/// Make weights the association probabilities. Return the logarithm of the sum over all joint events
+/// of the product of their weights.
 ///
 /// A joint event gives each track one centroid or none and each centroid to one track at most; its
 /// probability is proportional to the product of its weights. Exact, up to max_steps and 64
 /// centroids that are shared at a time.
-void marginalise(Association &association, int64_t max_steps, Arena &work);
+double marginalise(Association &association, int64_t max_steps, Arena &work);
 
 }  // namespace st

@@ -18,8 +18,12 @@ void detected_stars(const Lens &lens, const Quaternion &attitude, const Vector3 
         }
         const Point uv = centroids.uv[best[n]];
         const Flow J = flow_of(lens, sensor_direction(R, icrf[n]));
-        detected.add({n, uv, {uv.x - track.state[0], uv.y - track.state[2]},
-                      centroids.error[best[n]], J, velocity_of(J, rate_rad_s)});
+        detected.add({n,
+                      uv,
+                      {uv.x - track.state[0], uv.y - track.state[2]},
+                      centroids.error[best[n]],
+                      J,
+                      velocity_of(J, rate_rad_s)});
     }
 }
 

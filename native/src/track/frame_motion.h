@@ -10,6 +10,9 @@
 
 namespace st {
 
+/// Return the bytes of work memory of rate_between_frames().
+size_t frame_motion_bytes(int before_count, int after_count);
+
 /// Fill in the body rate that moves most bright centroids of a frame to the next one, dt_s later;
 /// false where too few agree.
 ///

@@ -135,8 +135,8 @@ void stars_beside(const ApparentSky &sky, const Quaternion &attitude, const Poin
     const Matrix3 R = turn_view(sky, attitude, view);
     const Arena::Scope scope(work);
     auto *is_beside = work.take<bool>(static_cast<size_t>(view.near.count));
-    mark_beside(R, view, [&](int i) { return uv[i]; }, count, cos_reach(view, reach_px),
-                is_beside);
+    mark_beside(
+        R, view, [&](int i) { return uv[i]; }, count, cos_reach(view, reach_px), is_beside);
     StarInView star;
     for (int i = 0; i < view.near.count; ++i) {
         if (is_beside[i] && see(sky, R, i, view, star)) {

@@ -11,27 +11,23 @@
 
 namespace st {
 
-/// The factor of phi false centroids in a joint event: lambda^phi of a Poisson process of density
-/// lambda, that of those in no gate; phi! / V^phi of a density that is not known, with the area V of
-/// all gates; or none, where the matrix of all sums is normalised by rows and columns at once.
-enum class FalseCentroids { POISSON, DIFFUSE, NORMALISED };
-
 /// Step 1: make state and covariance F x and F P F^T + Q.
 void predict(const Matrix<4, 4> &F, const Matrix<4, 4> &Q, StarState &x, StarCovariance &P);
 
-/// Steps 2 to 6. confirmed (count of predicted) may be null; it has the centroid of each star whose
+/// Steps 2 to 6, with one of three factors of phi false centroids in a joint event: lambda^phi of a
+/// Poisson process of density lambda, that of those in no gate; phi! / V^phi of a density that is not
+/// known, with the area V of all gates; or none, where the matrix of all sums is normalised by rows
+/// and columns at once.
+///
+/// confirmed (count of predicted) may be null; it has the centroid of each star whose
 /// predicted place another test has confirmed, -1 for a star without, which is missed: only these
 /// centroids are associated, with any of the confirmed stars.
 void associate_stars(const Places &predicted, const Places &centroids,
-                     const DetectionModel &detection, FalseCentroids factor,
+                     const DetectionModel &detection, st_association factor,
                      const int32_t *confirmed, Association &association, Arena &work);
 
-/// Return the logarithm of the sum over all joint events of the product of their weights.
-///
-/// The event in which all stars that share a centroid are missed has a known product, and a
-/// probability: that of the first of them to be missed, times that of the second to be missed if the
-/// first is, and so on.
-double log_event_sum(const Association &weights, Arena &work);
+/// Return the bytes of work memory of associate_stars().
+size_t associate_stars_bytes(int tracks, int centroids);
 
 /// Steps 7 to 9: make state and covariance of track n mean and covariance of the mixture of its
 /// updates by single centroids uv of variance px^2 per axis.

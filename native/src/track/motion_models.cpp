@@ -66,12 +66,12 @@ TurnedNoise turned_noise(double dt_s, double angle) {
     // (2 angle - sin(2 angle)) / (2 angle)^3, and the same of angle.
     const double third_of_double = 1.0 / 6 - 4 * square * fifth_of_double;
     const double third = 1.0 / 6 - square * fifth;
-    TurnedNoise noise = {{{{2 * third_of_double, sinc2 / 2},
-                           {sinc2 / 2, 1 - 2 * third_of_double * square}}},
-                         {{{2 * (4 * fifth_of_double - fifth) * square, half / 8 * square},
-                           {half / 8 * square, 2 * third_of_double * square}}},
-                         {{{half / 8 * angle, 2 * third_of_double * angle},
-                           {(2 * third_of_double - third) * angle, sinc2 / 2 * angle}}}};
+    TurnedNoise noise = {
+        {{{2 * third_of_double, sinc2 / 2}, {sinc2 / 2, 1 - 2 * third_of_double * square}}},
+        {{{2 * (4 * fifth_of_double - fifth) * square, half / 8 * square},
+          {half / 8 * square, 2 * third_of_double * square}}},
+        {{{half / 8 * angle, 2 * third_of_double * angle},
+          {(2 * third_of_double - third) * angle, sinc2 / 2 * angle}}}};
     const double scale[2][2] = {{dt_s * dt_s * dt_s, dt_s * dt_s}, {dt_s * dt_s, dt_s}};
     for (int i = 0; i < 2; ++i) {
         for (int j = 0; j < 2; ++j) {
@@ -148,10 +148,9 @@ StarState turn_curvature(const Lens &lens, const Point &uv, const Vector3 &rate_
     const Point after = distort(lens.terms, end);
     const Point before_rate = velocity_of(image_flow(lens, begin), rate_rad_s);
     const Point after_rate = velocity_of(image_flow(lens, end), rate_rad_s);
-    return {{after.x * lens.fx + lens.cx - uv.x - before_rate.x * dt_s,
-             after_rate.x - before_rate.x,
-             after.y * lens.fy + lens.cy - uv.y - before_rate.y * dt_s,
-             after_rate.y - before_rate.y}};
+    return {
+        {after.x * lens.fx + lens.cx - uv.x - before_rate.x * dt_s, after_rate.x - before_rate.x,
+         after.y * lens.fy + lens.cy - uv.y - before_rate.y * dt_s, after_rate.y - before_rate.y}};
 }
 
 Matrix<4, 4> rolled(const Lens &lens, double rate_rad_s, double dt_s) {
@@ -170,22 +169,7 @@ Matrix<4, 4> rolled(const Lens &lens, double rate_rad_s, double dt_s) {
     return transition;
 }
 
-void add_velocity(const Flow &J, const Point &velocity, const Covariance2 &covariance,
-                  RateSums &sums) {
-    const double scale = 1 / determinant(covariance);
-    const double uu = scale * covariance.vv, uv = -scale * covariance.uv,
-                 vv = scale * covariance.uu;
-    for (int row = 0; row < 3; ++row) {
-        const double u = J[0][row] * uu + J[1][row] * uv;
-        const double v = J[0][row] * uv + J[1][row] * vv;
-        sums.vector[row] += u * velocity.x + v * velocity.y;
-        for (int column = 0; column < 3; ++column) {
-            sums.information[row][column] += u * J[0][column] + v * J[1][column];
-        }
-    }
-}
-
-bool body_rate(const RateSums &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance) {
+bool body_rate(const NormalEquations3 &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance) {
     if (!is_positive_definite(sums.information)) {
         return false;
     }

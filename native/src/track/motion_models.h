@@ -9,6 +9,7 @@
 #pragma once
 
 #include "camera/lens.h"
+#include "filter/innovation.h"
 #include "maths/covariance2.h"
 #include "maths/matrix.h"
 
@@ -66,17 +67,8 @@ StarState turn_curvature(const Lens &lens, const Point &uv, const Vector3 &rate_
 /// rolled(rate, dt) F rolled(-rate before, 0) X: equation 18 of Sadeghi, Sabahi and Saberali.
 Matrix<4, 4> rolled(const Lens &lens, double rate_rad_s, double dt_s);
 
-/// Sums of weighted least squares for a body rate by the velocities of stars.
-struct RateSums {
-    Matrix3 information;
-    Vector3 vector;
-};
-
-/// Add a star of image motion J, velocity px/s, and its covariance, positive definite.
-void add_velocity(const Flow &J, const Point &velocity, const Covariance2 &covariance,
-                  RateSums &sums);
-
-/// Fill the body rate and its covariance; false where less than two stars fix it.
-bool body_rate(const RateSums &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance);
+/// Fill the body rate that moves stars at the velocities of weighted least squares, and its
+/// covariance; false where less than two stars fix it.
+bool body_rate(const NormalEquations3 &sums, Vector3 &rate_rad_s, Matrix3 &rate_covariance);
 
 }  // namespace st

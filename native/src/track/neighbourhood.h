@@ -15,6 +15,9 @@ namespace st {
 /// Return a pixel after a turn of the sensor; turn is exp([w dt]x).
 Point propagated(const Lens &lens, const Point &uv, const Matrix3 &turn);
 
+/// Return the bytes of work memory of star_neighbourhood().
+size_t star_neighbourhood_bytes(int stars, int centroids);
+
 /// Fill in the index of each star's centroid (stars), -1 where it is missing or ambiguous.
 ///
 /// predicted and the catalogue's directions icrf (stars) are of the known stars, uv and sigma_px per

@@ -36,8 +36,7 @@ void match_new_stars(const ApparentSky &sky, const Quaternion &attitude, const M
     auto *of_centroid = work.take<int>(n);
     for (int j = 0; j < count; ++j) {
         uv[j] = free[j].uv;
-        magnitude[j] =
-            free[j].flux_dn > 0 ? zero_point - 2.5 * std::log10(free[j].flux_dn) : NAN;
+        magnitude[j] = free[j].flux_dn > 0 ? zero_point - 2.5 * std::log10(free[j].flux_dn) : NAN;
         of_centroid[j] = 0;
     }
     auto seen = work.list<StarInView>(static_cast<size_t>(view.near.capacity));

@@ -10,7 +10,7 @@
 namespace st {
 
 void visible_stars(const ApparentSky &sky, const Quaternion &attitude, const Vector3 &rate_rad_s,
-                   double faintest, StarsInView &view, List<VisibleStar> &visible) {
+                   double faintest, StarsInView &view, List<ExpectedStar> &visible) {
     const Matrix3 R = turn_view(sky, attitude, view);
     const Lens &lens = view.lens;
     const double least = -0.5 + BORDER_PX, right = lens.width - 0.5 - BORDER_PX,
@@ -39,8 +39,8 @@ void predict_stars(const ApparentSky &sky, const Quaternion &attitude, const Mat
         const Flow J = flow_of(view.lens, star.sensor);
         const Point velocity = velocity_of(J, rate_rad_s);
         const Covariance2 P = pixel_covariance(J, covariance);
-        predicted.add({star.uv.x, star.uv.y, velocity.x, velocity.y,
-                       std::sqrt((P.uu + P.vv) / 2), sky.file->hip[star.star], 0});
+        predicted.add({star.uv.x, star.uv.y, velocity.x, velocity.y, std::sqrt((P.uu + P.vv) / 2),
+                       sky.file->hip[star.star], 0});
     }
 }
 

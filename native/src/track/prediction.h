@@ -5,6 +5,7 @@
 
 #pragma once
 
+#include "integrity/expected_stars.h"
 #include "track/in_view.h"
 
 namespace st {
@@ -15,14 +16,9 @@ constexpr double BORDER_PX = 5.0;
 /// Predictions per star that is followed: some stars are blended or too faint.
 constexpr double SPARE_STARS = 1.5;
 
-/// A star in the image: pixel and velocity in px/s.
-struct VisibleStar {
-    Point uv, velocity;
-};
-
 /// List the single stars up to a magnitude, and how they move at a body rate.
 void visible_stars(const ApparentSky &sky, const Quaternion &attitude, const Vector3 &rate_rad_s,
-                   double faintest, StarsInView &view, List<VisibleStar> &visible);
+                   double faintest, StarsInView &view, List<ExpectedStar> &visible);
 
 /// List the brightest stars in the image, how they move, and their errors sqrt(tr(J P J^T) / 2) by
 /// the covariance P of the attitude; as many as the list has room for.

@@ -5,16 +5,17 @@
 
 #pragma once
 
+#include "attitude/solution.h"
 #include "camera/lens.h"
+#include "integrity/checks.h"
 #include "maths/arena.h"
 
 namespace st {
 
 /// Residual of a star over its sigma that makes it an outlier.
-constexpr double OUTLIER_SIGMA = 5.0;
-
-/// Of the stars of a frame a third must agree.
-constexpr int STARS_FOR_ONE = 3;
+inline double outlier_sigmas() {
+    return sigmas(checks::STAR_OUTLIER);
+}
 
 /// sqrt(2 log 2): median distance from the truth in two dimensions, in units of sigma per axis.
 constexpr double RAYLEIGH_MEDIAN = 1.1774100225154747;
@@ -22,13 +23,12 @@ constexpr double RAYLEIGH_MEDIAN = 1.1774100225154747;
 /// An attitude and the residuals of the stars (count).
 ///
 /// normalised is the residual of each star over its own sigma times scale, which is above 1 where a
-/// lens that is not calibrated moves all stars; inlier masks the stars of the fit; residual_px is
-/// their rms residual, residual_rad and chi2 those of the attitude.
+/// lens that is not calibrated moves all stars; inlier masks the stars of the fit, of which attitude
+/// is the solution; residual_px is their rms residual.
 struct RotationFit {
-    Quaternion quaternion;
-    Matrix3 covariance;
-    double scale, residual_px, chi2;
-    int count, inliers;
+    Solution attitude;
+    double scale, residual_px;
+    int count;
     double *normalised;
     bool *inlier;
 };
@@ -36,7 +36,11 @@ struct RotationFit {
 /// Whether min_stars, and a third of stars, fit within max_residual_px rms.
 bool is_good(int inliers, int stars, double residual_px, int min_stars, double max_residual_px);
 
-/// Return a fit without numbers, with room for count stars.
+/// Return the bytes that rotation_fit_for() takes, and of work memory of fit_rotation().
+size_t rotation_fit_bytes(int count);
+size_t rotation_fit_work_bytes(int count);
+
+/// Return a fit without numbers, of count stars.
 RotationFit rotation_fit_for(int count, Arena &arena);
 
 /// Fit the attitude of candidates without outliers, and the residuals of all stars; false where too

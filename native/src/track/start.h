@@ -32,6 +32,9 @@ IdentifiedFrame frame_for(int capacity, Arena &arena);
 /// Copy a frame into one of at least its capacity.
 void copy_frame(const IdentifiedFrame &from, IdentifiedFrame &to);
 
+/// Return the bytes of work memory of fit_identified().
+size_t fit_identified_bytes(int count);
+
 /// Fit an identified frame without outliers; false unless enough stars fit well enough: reason is
 /// then why they do not, ST_NO_REASON where they are too few.
 ///
