@@ -429,7 +429,9 @@ void Fusion::forget_motion() {
 void Fusion::fill(st_fused &fused) {
     const BodyState &state = updated_.body;
     const Matrix<6, 6> P = with_tails(*after_, block<6, 6>(state.covariance, 0, 0));
-    previous_ = has_previous_ ? sign_continuous(state.quaternion, previous_) : state.quaternion;
+    // The first has w >= 0.
+    previous_ = sign_continuous(state.quaternion,
+                                has_previous_ ? previous_ : Quaternion{0.0, 0.0, 0.0, 1.0});
     has_previous_ = true;
     const double lasting = lasting_rad2();
     const double q[4] = {previous_.x, previous_.y, previous_.z, previous_.w};
