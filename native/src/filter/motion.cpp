@@ -682,13 +682,8 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
                     const ProcessNoise<MOST> &noise, MotionWith<MOST> &after) {
     const int n = before.size();
     const Swing &swing = before.swing;
+    static_cast<MotionSummary<MOST> &>(after) = before;
     after.stamp_ns = to_ns;
-    after.share = before.share;
-    after.frames = before.frames;
-    after.noise_rad2 = before.noise_rad2;
-    after.interval_s = before.interval_s;
-    after.swing = swing;
-    after.constants = before.constants;
     const Weights weight = mix_modes(before, before.weight, noise.acceleration_rad_s2,
                                      least_shares(true), after.mode);
     Weights logs{};

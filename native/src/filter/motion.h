@@ -129,22 +129,27 @@ struct Swing {
     Vector3 centre;  // mean rate of the swing, rad/s
 };
 
-/// What is known of the motion at a time.
+/// What is known of the motion at a time, but for the modes.
 template <int MOST>
-struct MotionWith {
+struct MotionSummary {
     int64_t stamp_ns;
     Quaternion quaternion;  // mean attitude, q_icrf_from_sensor
-    ModeState<MOST> mode[MODES];
-    Weights weight;      // probabilities
-    Weights share;       // their means in the frames before,
-    double frames;       // of so many
-    Vector3 noise_rad2;  // variance of the attitude that the stars of a frame measure
-    double interval_s;   // of the frames, 0 while unknown
+    Weights weight;         // probabilities of the modes
+    Weights share;          // their means in the frames before,
+    double frames;          // of so many
+    Vector3 noise_rad2;     // variance of the attitude that the stars of a frame measure
+    double interval_s;      // of the frames, 0 while unknown
     Swing swing;
     Constants<MOST> constants;
+};
+
+/// What is known of the motion at a time.
+template <int MOST>
+struct MotionWith : MotionSummary<MOST> {
+    ModeState<MOST> mode[MODES];
 
     /// Elements of the error state that are in use.
-    int size() const { return CONSTANT + constants.count; }
+    int size() const { return CONSTANT + this->constants.count; }
 };
 
 /// That of a single tracker: plain data of 12 kB.
