@@ -8,7 +8,7 @@ What is found is equal, sentence by sentence. Numbers agree to rounding errors, 
 another order and inverses by other formulas have.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import native_integrity
 from native_core import call, filled
@@ -468,3 +468,56 @@ def test_a_covariance_that_is_none_is_not_published():
     found = trust_tracks(run['camera'], trust_options(), attitude[:4], broken, 0.0, stars)
     assert sentence(found.code, found.figures).startswith(
         'the covariance of the attitude is not positive definite, its diagonal is [1e-09, nan')
+
+
+# --- impossible numbers ---
+
+STRANGE = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-300, 1e300, 1e154])
+
+
+def spoiled(rng, array):
+    """Return a copy of which some numbers are impossible."""
+    array = array.copy()
+    places = rng.random(array.shape) < rng.choice([0.02, 0.2, 1.0])
+    array[places] = rng.choice(STRANGE, np.count_nonzero(places))
+    return array
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_impossible_numbers_give_no_attitude_that_is_none(seed):
+    rng, run = np.random.default_rng(seed), of_run(runs_with('tracks/star')[0])
+    camera, options = run['camera'], trust_options(SOLVERS[seed % 4])
+    stars = run['solved/star'][spans(run['solved/stars'])[0]]
+    tracks = run['tracks/star'][spans(run['tracks/stars'])[0]]
+    attitude = run['tracks/attitude'][0]
+    for found in (
+            trust_stars(camera, options, spoiled(rng, stars), (300.0, 2.0)),
+            trust_tracks(camera, options, attitude[:4], attitude[4:13], 0.0,
+                         spoiled(rng, tracks)),
+            trust_tracks(camera, options, *map(partial(spoiled, rng), (
+                attitude[:4], attitude[4:13])), 0.0, tracks)):
+        if found.code == TRUSTED:
+            covariance = found.numbers[4:13].reshape(3, 3)
+            sigma = np.sqrt(np.diag(covariance))
+            assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > -1e-12
+            assert np.linalg.norm(found.numbers[:4]) == pytest.approx(1)
+            assert not np.isnan(found.numbers[15:]).any()
+        else:
+            assert found.code > TRUSTED
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_impossible_numbers_are_remembered_without_harm(seed):
+    """Nothing is read or written beyond its place: sanitizers see that."""
+    rng, run = np.random.default_rng(seed), of_run(runs_with('rows/star')[0])
+    camera, lens, memory = run['camera'], native_integrity.LensError(run['camera']), np.zeros(4)
+    for frame in spans(run['rows/stars'])[:6]:
+        star = spoiled(rng, run['rows/star'][frame][:, 1:])
+        find_pattern(camera, star, memory)
+        lens.add(run['rows/star'][frame][:, 0], star)
+        contradiction(spoiled(rng, star[:, :4]), spoiled(rng, star[:, :2]), 0.5)
+    numbers = of_run(runs_with('stamps/numbers')[0])['stamps/numbers']
+    jitter = native_integrity.StampJitter()
+    for index, frame in enumerate(spoiled(rng, numbers[:30])):
+        jitter.add((index * 10 ** 8, (index + 1) * 10 ** 8), frame[:7], frame[7:14], frame[14:21],
+                   frame[21:24], frame[24:])
