@@ -594,7 +594,7 @@ def covariance_inputs() -> list[CovarianceInput]:
     from startracker_ros.core.camera.model import Camera
     rng, found = np.random.default_rng(12), []
     for count in (2, 3, 4, 7, 14, 40):
-        sensor, icrf, sigma = directions(rng, count)
+        sensor, _, sigma = directions(rng, count)
         root, pointing = rng.normal(size=(3, 3)) * 1e-5, rng.normal(size=(2, 2))
         q = rng.normal(size=4)
         found.append(CovarianceInput(

@@ -9,9 +9,10 @@ another order and inverses by other formulas have.
 """
 
 from functools import cache, partial
+import math
 
-import native_integrity
 from native_core import call, filled
+import native_integrity
 from native_integrity import (
     best_rotation, camera_struct, checks, compare_gyro, contradiction, covariance_inputs,
     cramer_rao, directions, EXPECTED_FAULTS, find_pattern, fit_rows, GYRO_OPTIONS, mean_chi2,
@@ -105,7 +106,8 @@ def test_sigmas_of_a_normal_value_are_those_of_scipy(probability):
 def test_reasons_have_the_sentences_of_their_checks():
     assert sentence(CHECKS['FEW_STARS'].reason, [3.0, 4.0, 1.0]) == (
         '3 tracked stars, min_stars is 4')
-    assert sentence(CHECKS['GYRO_DIFFERS'].reason, [*np.radians([1, 2, 3.0]), 0, 0, 0.5]).startswith(
+    rates = [*np.radians([1, 2, 3.0]), 0, 0, 0.5]
+    assert sentence(CHECKS['GYRO_DIFFERS'].reason, rates).startswith(
         'imu reports 1.0000 2.0000 3.0000 deg/s about x, y, z, the stars 0.0000 0.0000 28.6479:')
     assert '[1.0, nan, -2.0] rad^2' in sentence(CHECKS['COVARIANCE'].reason, [1.0, np.nan, -2.0])
     assert sentence(CHECKS['BAD_FRAMES'].reason, [5.0, 2.0, 0.456]) == (
@@ -269,16 +271,12 @@ def test_the_level_is_the_largest_bound_of_all_hypotheses(count):
     sensor, _, sigma = directions(rng, count)
     P = 1.2 * cramer_rao(sensor, sigma)
     residual = np.abs(rng.normal(size=count)) * sigma
-    p = np.array([1e-3])  # likely enough for pairs to count
-    left = (1e-7 + count * (count - 1) * (count - 2) / 6 * p ** 3) / 3
-    total = 3 * left + count * (count - 1) * (count - 2) / 6 * 0
-    # The probability that is given is larger by that of three false stars.
-    misleading = total + count * (count - 1) * (count - 2) / 6 * p ** 3
-    share = (misleading - count * (count - 1) * (count - 2) / 6 * p ** 3) / 3
-    k = [-ndtri(share / 2), -ndtri(share / (count * p) / 2),
-         -ndtri(share / (count * (count - 1) / 2 * p ** 2) / 2)]
-    k = [float(one[0]) for one in k]
-    found = protection_level(P, sensor, sigma, residual, np.array([misleading[0], p[0]]))
+    p = 1e-3  # likely enough for pairs to count
+    one, two, three = (math.comb(count, k) * p ** k for k in (1, 2, 3))
+    share = 1e-7 / 3
+    k = [-ndtri(share / each / 2) for each in (1, one, two)]
+    # Three false stars at a time are subtracted from what is allowed.
+    found = protection_level(P, sensor, sigma, residual, np.array([1e-7 + three, p]))
     close(found, level_by_separations(P, sensor, sigma, residual, k), 1e-9)
 
 
@@ -310,7 +308,8 @@ def test_rows_and_lens_show_what_they_did(name, fault):
     lens, memory, seen = native_integrity.LensError(camera), np.zeros(4), []
     for index, frame in enumerate(frames):
         star = with_row_fault(fault, run['rows/star'][frame], camera, lens.scale)
-        text, expected = find_pattern(camera, star[:, 1:], memory), run['rows/known'][first + index]
+        text = find_pattern(camera, star[:, 1:], memory)
+        expected = run['rows/known'][first + index]
         assert text == run['rows/text'][first + index]
         is_first = lens.add(star[:, 0], star[:, 1:])
         assert is_first == bool(expected[3])
@@ -475,7 +474,7 @@ def test_a_covariance_that_is_none_is_not_published():
 STRANGE = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-300, 1e300, 1e154])
 
 
-def spoiled(rng, array):
+def damaged(rng, array):
     """Return a copy of which some numbers are impossible."""
     array = array.copy()
     places = rng.random(array.shape) < rng.choice([0.02, 0.2, 1.0])
@@ -491,10 +490,10 @@ def test_impossible_numbers_give_no_attitude_that_is_none(seed):
     tracks = run['tracks/star'][spans(run['tracks/stars'])[0]]
     attitude = run['tracks/attitude'][0]
     for found in (
-            trust_stars(camera, options, spoiled(rng, stars), (300.0, 2.0)),
+            trust_stars(camera, options, damaged(rng, stars), (300.0, 2.0)),
             trust_tracks(camera, options, attitude[:4], attitude[4:13], 0.0,
-                         spoiled(rng, tracks)),
-            trust_tracks(camera, options, *map(partial(spoiled, rng), (
+                         damaged(rng, tracks)),
+            trust_tracks(camera, options, *map(partial(damaged, rng), (
                 attitude[:4], attitude[4:13])), 0.0, tracks)):
         if found.code == TRUSTED:
             covariance = found.numbers[4:13].reshape(3, 3)
@@ -512,12 +511,12 @@ def test_impossible_numbers_are_remembered_without_harm(seed):
     rng, run = np.random.default_rng(seed), of_run(runs_with('rows/star')[0])
     camera, lens, memory = run['camera'], native_integrity.LensError(run['camera']), np.zeros(4)
     for frame in spans(run['rows/stars'])[:6]:
-        star = spoiled(rng, run['rows/star'][frame][:, 1:])
+        star = damaged(rng, run['rows/star'][frame][:, 1:])
         find_pattern(camera, star, memory)
         lens.add(run['rows/star'][frame][:, 0], star)
-        contradiction(spoiled(rng, star[:, :4]), spoiled(rng, star[:, :2]), 0.5)
+        contradiction(damaged(rng, star[:, :4]), damaged(rng, star[:, :2]), 0.5)
     numbers = of_run(runs_with('stamps/numbers')[0])['stamps/numbers']
     jitter = native_integrity.StampJitter()
-    for index, frame in enumerate(spoiled(rng, numbers[:30])):
+    for index, frame in enumerate(damaged(rng, numbers[:30])):
         jitter.add((index * 10 ** 8, (index + 1) * 10 ** 8), frame[:7], frame[7:14], frame[14:21],
                    frame[21:24], frame[24:])
