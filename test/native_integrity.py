@@ -215,8 +215,8 @@ def checks() -> dict[str, Any]:
     """Return the table of the library for tests."""
     count = ctypes.c_size_t()
     table = kernels().st_checks(ctypes.byref(count))
-    found = np.frombuffer(
-        (ctypes.c_byte * (native.CHECK.itemsize * count.value)).from_address(table), native.CHECK)
+    found = np.frombuffer(ctypes.string_at(table, native.CHECK.itemsize * count.value),
+                          native.CHECK)
     return {native.text_at(one['name']): one for one in found}
 
 
