@@ -3,6 +3,8 @@
 
 """The attitude of one frame of identified stars, with its covariance and residuals."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from startracker_ros.core.attitude import solution
 from startracker_ros.core.attitude.refinement import inverse_information
@@ -10,6 +12,19 @@ from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_ic
 
 _SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
            'triad': solution.TRIAD}
+
+
+FIRST_FAILURE = 605
+"""Code of a failure without the status of solution.py."""
+
+FAILURES = {
+    606: 'NaN or infinity among the directions or their sigma',
+    607: 'sigma of {:g} rad must be positive',
+    608: 'a direction of length zero',
+    609: 'directions {:.0f} and {:.0f} are identical: one star counted twice',
+    610: 'the directions are parallel, or weighted so unevenly that one star decides alone: the '
+         'rotation about them is not observable'}
+"""Reasons of the native core for no attitude, by st_reason_code."""
 
 
 class AttitudeError(ValueError):
@@ -43,16 +58,14 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
         _SOLVER[solver], sensor, icrf, sigma_rad)
     if status != solution.SOLVED:
-        raise AttitudeError({
-            solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
-            solution.SIGMA: f'sigma of {sigma_rad.min():g} rad must be positive',
-            solution.ZERO_LENGTH: 'a direction of length zero',
-            solution.SAME_STAR: f'directions {star} and {twin} are identical: one star counted '
-                                'twice',
-            solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
-                               'star decides alone: the rotation about them is not observable',
-        }[status])
+        raise AttitudeError(failure(FIRST_FAILURE + status, (
+            sigma_rad.min(),) if status == solution.SIGMA else (star, twin)))
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
+
+
+def failure(code: int, figures: Sequence[float]) -> str:
+    """Return why no attitude follows, of an st_reason_code of FAILURES with its figures."""
+    return FAILURES[code].format(*figures)
 
 
 def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
