@@ -15,6 +15,7 @@ using namespace checks;
 
 constexpr double TOLERANCE_SHARE = 0.03;  // of the shift
 constexpr double PRESENT_SHARE = 0.6;     // of present_px, of a tolerance
+constexpr double LEAST_SPEED2 = 1e-12;    // px^2/s^2
 constexpr int MOST_COMPARED = 60;         // missed stars: the time grows with their square
 
 double square_between(const Point &a, const Point &b) {
@@ -71,7 +72,8 @@ Group largest_group(const List<ExpectedStar> &stars, const List<Point> &free, do
                 continue;
             }
             const double tolerance = PRESENT_SHARE * present_px + TOLERANCE_SHARE * length;
-            const double time_s = (du * f.x + dv * f.y) / (speed2 > 1e-12 ? speed2 : 1e-12);
+            const double time_s =
+                (du * f.x + dv * f.y) / (speed2 > LEAST_SPEED2 ? speed2 : LEAST_SPEED2);
             const bool along = std::hypot(du - time_s * f.x, dv - time_s * f.y) <= tolerance;
             int shifted = 0, later = 0;
             for (const ExpectedStar &other : stars) {
