@@ -47,10 +47,10 @@ ST_API void stt_pointing_covariance(const st_camera *camera, const double *commo
                                     const double *rate_rad_s, double *covariance);
 ST_API void stt_covariance_of(const st_budget *budget, double *covariance);
 
+/* ---- integrity ----------------------------------------------------------------------------- */
+
 /* Bytes of what is known of the lens and of the stamps. */
 ST_API void stt_integrity_sizes(int32_t *bytes);
-
-/* ---- integrity ----------------------------------------------------------------------------- */
 
 /* star (count, 15) is u, v, residual 2, error 3, flow 6, velocity 2; pattern (38) is product and
  * energy of 13, edge of 12. Returns chi2. */

@@ -20,8 +20,6 @@ VERSION = 2
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
-
-
 _LIMITS = 6  # ST_MOST_LIMITS
 
 REMEDY = 'install the package again; in a checkout, python native/build.py'
@@ -259,8 +257,7 @@ def checks() -> dict[str, np.ndarray]:
     """Return all checks of integrity by name, each a CHECK."""
     count = ctypes.c_size_t()
     table = library().st_checks(ctypes.byref(count))
-    found = np.frombuffer((ctypes.c_byte * (CHECK.itemsize * count.value)).from_address(table),
-                          CHECK)
+    found = np.frombuffer(ctypes.string_at(table, CHECK.itemsize * count.value), CHECK)
     return {text_at(one['name']): one for one in found}
 
 

@@ -6,9 +6,9 @@
 namespace st {
 
 Matrix3 covariance_of(const st_budget &budget) {
-    const double(*const terms[])[3][3] = {&budget.stars,    &budget.motion,  &budget.exposure,
-                                          &budget.stamps,   &budget.shutter, &budget.lens,
-                                          &budget.observer, &budget.epoch};
+    const double (*const terms[])[3][3] = {&budget.stars,    &budget.motion,  &budget.exposure,
+                                           &budget.stamps,   &budget.shutter, &budget.lens,
+                                           &budget.observer, &budget.epoch};
     Matrix3 P{};
     for (const auto *term : terms) {
         for (int i = 0; i < 3; ++i) {

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "integrity/checks.h"
+#include "maths/sorting.h"
 
 namespace st {
 namespace {
@@ -14,6 +15,7 @@ using namespace checks;
 
 constexpr double TOLERANCE_SHARE = 0.03;  // of the shift
 constexpr double PRESENT_SHARE = 0.6;     // of present_px, of a tolerance
+constexpr double LEAST_SPEED2 = 1e-12;    // px^2/s^2
 constexpr int MOST_COMPARED = 60;         // missed stars: the time grows with their square
 
 double square_between(const Point &a, const Point &b) {
@@ -21,10 +23,29 @@ double square_between(const Point &a, const Point &b) {
     return du * du + dv * dv;
 }
 
-/// Whether one of the points is so near.
-bool has_near(const List<Point> &points, const Point &place, double distance) {
-    for (const Point &point : points) {
-        if (square_between(point, place) < distance * distance) {
+/// Return the points in the order of their rows.
+List<Point> by_rows(const List<Point> &points, Arena &arena) {
+    const auto n = static_cast<size_t>(points.count);
+    auto sorted = arena.list<Point>(n);
+    sorted.add_all(points);
+    sort(sorted.item, sorted.count, arena.take<Point>(n),
+         [](const Point &a, const Point &b) { return a.y < b.y; });
+    return sorted;
+}
+
+/// Whether one of the points, by rows, is so near.
+bool has_near(const List<Point> &sorted, const Point &place, double distance) {
+    int low = 0, high = sorted.count;
+    while (low < high) {
+        const int middle = low + (high - low) / 2;
+        if (sorted[middle].y <= place.y - distance) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    for (int k = low; k < sorted.count && sorted[k].y < place.y + distance; ++k) {
+        if (square_between(sorted[k], place) < distance * distance) {
             return true;
         }
     }
@@ -37,7 +58,9 @@ struct Group {
     double shift_px = 0.0;
 };
 
-Group largest_group(const List<ExpectedStar> &stars, const List<Point> &free, double present_px) {
+Group largest_group(const List<ExpectedStar> &stars, const List<Point> &free, double present_px,
+                    Arena &arena) {
+    const List<Point> sorted = by_rows(free, arena);
     Group best;
     for (const ExpectedStar &star : stars) {
         const Point &f = star.velocity;
@@ -49,14 +72,15 @@ Group largest_group(const List<ExpectedStar> &stars, const List<Point> &free, do
                 continue;
             }
             const double tolerance = PRESENT_SHARE * present_px + TOLERANCE_SHARE * length;
-            const double time_s = (du * f.x + dv * f.y) / (speed2 > 1e-12 ? speed2 : 1e-12);
+            const double time_s =
+                (du * f.x + dv * f.y) / (speed2 > LEAST_SPEED2 ? speed2 : LEAST_SPEED2);
             const bool along = std::hypot(du - time_s * f.x, dv - time_s * f.y) <= tolerance;
             int shifted = 0, later = 0;
             for (const ExpectedStar &other : stars) {
                 const Point &at = other.uv, &v = other.velocity;
-                shifted += has_near(free, {at.x + du, at.y + dv}, tolerance);
-                later +=
-                    along && has_near(free, {at.x + time_s * v.x, at.y + time_s * v.y}, tolerance);
+                shifted += has_near(sorted, {at.x + du, at.y + dv}, tolerance);
+                later += along &&
+                         has_near(sorted, {at.x + time_s * v.x, at.y + time_s * v.y}, tolerance);
             }
             const int count = shifted > later ? shifted : later;
             if (count > best.count) {
@@ -104,7 +128,7 @@ st_reason contradiction_of(const ExpectedStar *stars, int count, const Point *uv
     for (int i = 0; i < missed; i += every) {
         compared.add(unseen[i]);
     }
-    const Group group = largest_group(compared, free, present_px);
+    const Group group = largest_group(compared, free, present_px, arena);
     const double moved = every * group.count;
     if (group.count >= limit(SECOND_IMAGE, "stars") &&
         moved >= limit(SECOND_IMAGE, "share") * count) {
@@ -121,7 +145,7 @@ st_reason contradiction_of(const ExpectedStar *stars, int count, const Point *uv
 
 size_t contradiction_bytes(int count, int centroids) {
     return Arena::padded<ExpectedStar>(static_cast<size_t>(count)) +
-           Arena::padded<Point>(static_cast<size_t>(centroids)) +
+           3 * Arena::padded<Point>(static_cast<size_t>(centroids)) +
            Arena::padded<bool>(static_cast<size_t>(centroids));
 }
 

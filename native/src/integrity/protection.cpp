@@ -33,11 +33,6 @@ struct LargestTwo {
     double sum() const { return first + second; }
 };
 
-/// What is left of the probability for each axis, shared by so many hypotheses.
-double axes_share(double left) {
-    return left / 3;
-}
-
 }  // namespace
 
 Multipliers multipliers(int count, int rejected, const FalseStars &probabilities) {
@@ -46,7 +41,8 @@ Multipliers multipliers(int count, int rejected, const FalseStars &probabilities
                      checks::PROTECTION.probability * rejected / (count > 1 ? n : 1.0);
     const double one = n * p, two = n * (n - 1) / 2 * (p * p);
     const double three = n * (n - 1) * (n - 2) / 6 * (p * p * p);
-    const double left = axes_share(probabilities.misleading_probability - three);
+    // Each axis has its own probability.
+    const double left = (probabilities.misleading_probability - three) / 3;
     if (!(left > 0) || count < 3) {
         return {};
     }

@@ -7,7 +7,7 @@ import numpy as np
 from startracker_ros.core.attitude import solution
 from startracker_ros.core.attitude.refinement import inverse_information
 from startracker_ros.core.attitude.result import (
-    AttitudeEstimate, covariance_icrf, SOLVERS, UNSOLVED)
+    AttitudeEstimate, covariance_icrf, failure, FIRST_FAILURE, SOLVERS)
 
 _SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
            'triad': solution.TRIAD}
@@ -44,13 +44,8 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
         _SOLVER[solver], sensor, icrf, sigma_rad)
     if status != solution.SOLVED:
-        raise AttitudeError({
-            solution.NOT_FINITE: UNSOLVED['not_finite'],
-            solution.SIGMA: UNSOLVED['sigma'].format(sigma_rad.min()),
-            solution.ZERO_LENGTH: UNSOLVED['zero_length'],
-            solution.SAME_STAR: UNSOLVED['same_star'].format(star, twin),
-            solution.PARALLEL: UNSOLVED['parallel'],
-        }[status])
+        raise AttitudeError(failure(FIRST_FAILURE + status, (
+            sigma_rad.min(),) if status == solution.SIGMA else (star, twin)))
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 
 

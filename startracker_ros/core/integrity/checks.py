@@ -9,7 +9,7 @@ alone (native/src/integrity/checks.h); evidence, action and sentence stand here.
 is this table, made by startracker_ros.ros.tables. Free of compiled code, which is slow to import.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 import math
@@ -96,7 +96,7 @@ def _rate_text(rate_rad_s: Sequence[float]) -> str:
     return ' '.join(f'{math.degrees(value):.4f}' for value in rate_rad_s)
 
 
-_FIELDS = {
+_FIELDS: Mapping[str, Callable[[Sequence[float]], dict[str, Any]]] = {
     'FEW_STARS': lambda figures: {
         'count': int(figures[0]), 'limit': int(figures[1]),
         'kind': 'tracked' if figures[2] else 'identified'},
