@@ -71,8 +71,7 @@ ST_API int32_t stt_open_view(const st_sky *file, const st_camera *camera, double
 ST_API void stt_add_observer(const int64_t *stamp_ns, const st_observer *observer);
 /* Returns a number that changes when directions do; sigma (2) is that of velocity m/s and years. */
 ST_API int32_t stt_look(const int64_t *stamp_ns, double sigma[2]);
-ST_API void stt_sky_stars(const int32_t *star, int32_t count, double *direction,
-                          int32_t *crowded);
+ST_API void stt_sky_stars(const int32_t *star, int32_t count, double *direction, int32_t *crowded);
 ST_API int32_t stt_star_of_hip(int32_t hip);
 
 /* Lists have star (capacity), sensor (capacity, 3), uv (capacity, 2). All return a count. */
@@ -103,10 +102,10 @@ ST_API int32_t stt_fit_rotation(const st_camera *camera, const double *icrf, con
                                 int32_t solver, double attitude[13], double figures[4],
                                 double *normalised, int32_t *inlier);
 /* star and centroid (count) of those that fit, of the sky of stt_open_view; returns how many. */
-ST_API int32_t stt_fit_identified(const st_tracking_options *options,
-                                  const st_centroid *centroids, const int32_t *hip, int32_t count,
-                                  int32_t *star, st_centroid *centroid, double attitude[13],
-                                  double *scale, st_reason *reason);
+ST_API int32_t stt_fit_identified(const st_tracking_options *options, const st_centroid *centroids,
+                                  const int32_t *hip, int32_t count, int32_t *star,
+                                  st_centroid *centroid, double attitude[13], double *scale,
+                                  st_reason *reason);
 /* Whether a tracked attitude contradicts the frame of the last stt_fit_identified. */
 ST_API int32_t stt_contradicts(const double q[4], const double covariance[9],
                                double max_residual_px);
