@@ -134,6 +134,17 @@ ST_API void stt_update_model(const st_tracking_options *options, const int64_t *
                              double *track, double attitude[13], double figures[4],
                              double rates[12], double *normalised, double *uv,
                              int32_t *unassociated, int32_t flags[5]);
+/* The tracks of the model for publication; returns how many. */
+ST_API int32_t stt_publish(int32_t identified, int32_t capacity, st_star_track *tracks);
+/* The magnitude of 1 DN by its detected stars. */
+ST_API void stt_zero_point(double *magnitude);
+/* Which of its tracks are kept (tracks) while crowded or missed, and are confirmed afterwards. */
+ST_API void stt_keep(const int32_t *crowded, double most_missed, int32_t confirm_frames,
+                     int32_t *kept, int32_t *confirmed);
+/* Rows (tracks, 16) of its detected stars: track, uv 2, residual 2, error 3, flow 6, velocity 2. */
+ST_API int32_t stt_detected_stars(const double q[4], const double rate[3], const double *icrf,
+                                  const double *distance, const int32_t *best, const double *uv,
+                                  const double *error, int32_t centroids, double *detected);
 
 #ifdef __cplusplus
 }
