@@ -160,7 +160,8 @@ def moved_by(camera, uv, variance, rate, rate_covariance):
 
 def propagated(camera, uv, rate, dt_s) -> np.ndarray:
     moved = np.empty((len(uv), 2))
-    call('stt_propagated', camera_struct(camera), real(uv), len(uv), real(rate), float(dt_s), moved)
+    call('stt_propagated', camera_struct(camera), real(uv), len(uv), real(rate), float(dt_s),
+         moved)
     return moved
 
 
@@ -238,8 +239,8 @@ class View:
     def visible(self, q, rate, faintest) -> tuple[np.ndarray, np.ndarray]:
         """Return pixels (N, 2) and velocities (N, 2)."""
         found = np.empty((MOST, 4))
-        found = found[:call('stt_visible_stars', real(q), real(rate), float(faintest), MOST, found)]
-        return found[:, :2], found[:, 2:]
+        count = call('stt_visible_stars', real(q), real(rate), float(faintest), MOST, found)
+        return found[:count, :2], found[:count, 2:]
 
     def predict(self, q, covariance, rate, faintest, most) -> np.ndarray:
         found = np.empty(most, native.PREDICTION)

@@ -186,17 +186,18 @@ def recorded_functions(record: Record) -> None:
             normalised=fit.normalised, inlier=fit.inlier)
 
 
+def covariance(rng: np.random.Generator, sigma: float) -> np.ndarray:
+    root = rng.normal(0, sigma, (3, 3))
+    return root @ root.T
+
+
 def recorded_starts(record: Record) -> None:
     none, stars = Centroids.empty(), np.empty(0, int)
     for number in range(12):
         rng = np.random.default_rng(number)
 
-        def covariance(sigma):
-            root = rng.normal(0, sigma, (3, 3))
-            return root @ root.T
-
         first, second = (start.IdentifiedFrame(
-            stamp_ns, stars, none, AttitudeEstimate(quaternion, covariance(1e-5)), scale)
+            stamp_ns, stars, none, AttitudeEstimate(quaternion, covariance(rng, 1e-5)), scale)
             for stamp_ns, quaternion, scale in (
                 (10 ** 9, quaternion_from_pointing(1.0, 0.5, 0.2), 1.0),
                 (2 * 10 ** 9, turned(quaternion_from_pointing(1.0, 0.5, 0.2),
@@ -204,8 +205,8 @@ def recorded_starts(record: Record) -> None:
         two = start.start_of_two(first, second)
         hint = Hint(
             int(1.5e9), turned(second.attitude.quaternion, rng.normal(0, 10.0 ** -rng.integers(
-                1, 6), 3)), covariance(10.0 ** -rng.integers(1, 5)), rng.normal(0, 0.01, 3),
-            covariance(10.0 ** -rng.integers(2, 5)))
+                1, 6), 3)), covariance(rng, 10.0 ** -rng.integers(1, 5)), rng.normal(0, 0.01, 3),
+            covariance(rng, 10.0 ** -rng.integers(2, 5)))
         hinted = start.HintedStart()
         hinted.add(hint)
         found = [hinted.start(second, 0.6), start.start_of_prediction(hint, second),

@@ -8,6 +8,7 @@
 #include <cstring>
 
 #include "sky/apparent.h"
+#include "track/followed_stars.h"
 #include "track/frame_motion.h"
 #include "track/neighbourhood.h"
 #include "track/new_stars.h"
@@ -522,4 +523,44 @@ void stt_update_model(const st_tracking_options *options, const int64_t *stamp_n
     flags[2] = model.uses_gyro ? 1 : 0;
     flags[3] = model.gyro_trouble.code;
     flags[4] = model.bank.count;
+}
+
+int32_t stt_publish(int32_t identified, int32_t capacity, st_star_track *tracks) {
+    return publish(scene.model.bank, scene.file, identified != 0, tracks, capacity);
+}
+
+void stt_zero_point(double *magnitude) {
+    Arena arena = work();
+    *magnitude = zero_point(scene.model.bank, scene.file, arena);
+}
+
+void stt_keep(const int32_t *crowded, double most_missed, int32_t confirm_frames, int32_t *kept,
+              int32_t *confirmed) {
+    for (int n = 0; n < scene.model.bank.count; ++n) {
+        Track track = scene.model.bank[n];
+        kept[n] = is_kept(track, crowded[n] != 0, most_missed) ? 1 : 0;
+        confirm(track, confirm_frames);
+        confirmed[n] = track.confirmed ? 1 : 0;
+    }
+}
+
+int32_t stt_detected_stars(const double q[4], const double rate[3], const double *icrf,
+                           const double *distance, const int32_t *best, const double *uv,
+                           const double *error, int32_t centroids, double *detected) {
+    Arena arena = work();
+    const TrackBank &bank = scene.model.bank;
+    auto stars = arena.list<DetectedStar>(static_cast<size_t>(bank.count));
+    detected_stars(scene.lens, quaternion_of(q), from<Vector3>(rate), bank,
+                   reinterpret_cast<const Vector3 *>(icrf), distance, best,
+                   places(uv, error, centroids), stars);
+    for (int i = 0; i < stars.count; ++i) {
+        double *row = detected + 16 * i;
+        row[0] = stars[i].track;
+        into(row + 1, stars[i].uv);
+        into(row + 3, stars[i].residual);
+        into(row + 5, stars[i].error);
+        into(row + 8, stars[i].flow);
+        into(row + 14, stars[i].velocity);
+    }
+    return stars.count;
 }

@@ -71,8 +71,7 @@ ST_API int32_t stt_open_view(const st_sky *file, const st_camera *camera, double
 ST_API void stt_add_observer(const int64_t *stamp_ns, const st_observer *observer);
 /* Returns a number that changes when directions do; sigma (2) is that of velocity m/s and years. */
 ST_API int32_t stt_look(const int64_t *stamp_ns, double sigma[2]);
-ST_API void stt_sky_stars(const int32_t *star, int32_t count, double *direction,
-                          int32_t *crowded);
+ST_API void stt_sky_stars(const int32_t *star, int32_t count, double *direction, int32_t *crowded);
 ST_API int32_t stt_star_of_hip(int32_t hip);
 
 /* Lists have star (capacity), sensor (capacity, 3), uv (capacity, 2). All return a count. */
@@ -103,10 +102,10 @@ ST_API int32_t stt_fit_rotation(const st_camera *camera, const double *icrf, con
                                 int32_t solver, double attitude[13], double figures[4],
                                 double *normalised, int32_t *inlier);
 /* star and centroid (count) of those that fit, of the sky of stt_open_view; returns how many. */
-ST_API int32_t stt_fit_identified(const st_tracking_options *options,
-                                  const st_centroid *centroids, const int32_t *hip, int32_t count,
-                                  int32_t *star, st_centroid *centroid, double attitude[13],
-                                  double *scale, st_reason *reason);
+ST_API int32_t stt_fit_identified(const st_tracking_options *options, const st_centroid *centroids,
+                                  const int32_t *hip, int32_t count, int32_t *star,
+                                  st_centroid *centroid, double attitude[13], double *scale,
+                                  st_reason *reason);
 /* Whether a tracked attitude contradicts the frame of the last stt_fit_identified. */
 ST_API int32_t stt_contradicts(const double q[4], const double covariance[9],
                                double max_residual_px);
@@ -135,6 +134,17 @@ ST_API void stt_update_model(const st_tracking_options *options, const int64_t *
                              double *track, double attitude[13], double figures[4],
                              double rates[12], double *normalised, double *uv,
                              int32_t *unassociated, int32_t flags[5]);
+/* The tracks of the model for publication; returns how many. */
+ST_API int32_t stt_publish(int32_t identified, int32_t capacity, st_star_track *tracks);
+/* The magnitude of 1 DN by its detected stars. */
+ST_API void stt_zero_point(double *magnitude);
+/* Which of its tracks are kept (tracks) while crowded or missed, and are confirmed afterwards. */
+ST_API void stt_keep(const int32_t *crowded, double most_missed, int32_t confirm_frames,
+                     int32_t *kept, int32_t *confirmed);
+/* Rows (tracks, 16) of its detected stars: track, uv 2, residual 2, error 3, flow 6, velocity 2. */
+ST_API int32_t stt_detected_stars(const double q[4], const double rate[3], const double *icrf,
+                                  const double *distance, const int32_t *best, const double *uv,
+                                  const double *error, int32_t centroids, double *detected);
 
 #ifdef __cplusplus
 }

@@ -18,7 +18,7 @@ from startracker_ros.core.astro.aberration import Air, apparent_directions, vant
 from startracker_ros.core.astro.bodies import bodies_from_earth
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES
 from startracker_ros.core.identify.cache import camera_stars, STARS
-from startracker_ros.core.maths.rotation import quaternion_from_pointing
+from startracker_ros.core.maths.rotation import quaternion_from_pointing, rotate
 from startracker_ros.core.track.options import ASSOCIATIONS
 
 SUMS = {'rtol': 1e-9, 'atol': 1e-15}
@@ -43,8 +43,9 @@ def record() -> dict[str, list[dict[str, np.ndarray]]]:
 def view():
     """Return the sky of the lists of the record, seen by an observer at rest."""
     onboard = camera_stars(CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
-    file = native_bank.sky_file(CAMERA, onboard.direction, crowd_rad=np.array(onboard.crowd_rad), **{
-        name: getattr(onboard, name) for name in STARS if name != 'direction'})
+    columns = {name: getattr(onboard, name) for name in STARS if name != 'direction'}
+    file = native_bank.sky_file(
+        CAMERA, onboard.direction, crowd_rad=np.array(onboard.crowd_rad), **columns)
     return View(native_bank.sky_struct(file), CAMERA), onboard, file
 
 
@@ -91,7 +92,7 @@ def test_a_cluster_beyond_the_limits_is_cut_and_counted():
         cut, _, left_out = native_bank.events(weight, steps)
         assert 1e-9 < np.abs(cut - exact).max() < most
         assert left_out[1] > 0
-    for shape in ((40, 51), (200, 128), (500, 129)):
+    for shape in ((40, 51), (500, 129)):
         weight = np.exp(np.random.default_rng(1).normal(0, 2, shape))
         begin_s = time.process_time()
         probability, _, left_out = native_bank.events(weight)
@@ -434,6 +435,8 @@ def test_models_of_stars_in_real_runs():
             tracks = updated.tracks
             same_update(updated, case, stars)
             good += updated.good
+            same_publication(tracks)
+            same_detected(updated)
         del sky
     assert good > 40
 
@@ -467,3 +470,58 @@ def same_update(updated, case, stars):
                                atol=1e-18)
     assert updated.uses_gyro == bool(case['uses_gyro'])
     assert bool(updated.gyro_trouble) == bool(case['trouble'])
+
+
+def same_publication(tracks):
+    """The stars of such a sky are 1, 2, 3 ..., all of magnitude 5."""
+    count = len(tracks)
+    confirmed = tracks['confirmed'] > 0
+    seen = confirmed & (tracks['missed'] == 0)
+    for identified in (True, False):
+        found = np.zeros(count + 1, native.STAR_TRACK)
+        assert native_bank.call('stt_publish', int(identified), count + 1, found) == count
+        found = found[:count]
+        known = confirmed & identified
+        np.testing.assert_array_equal(found['hip'], np.where(known, tracks['star'] + 1, 0))
+        np.testing.assert_array_equal(found['magnitude'], np.where(known, 5.0, np.nan))
+    for name, expected in (
+            ('u_px', tracks['state'][:, 0]), ('v_rate_px_s', tracks['state'][:, 3]),
+            ('cov_uv_px2', tracks['covariance'][:, 0, 2]), ('flux_dn', tracks['flux']),
+            ('residual_px', tracks['residual_px']), ('age', tracks['age']),
+            ('association_probability', tracks['probability'])):
+        np.testing.assert_array_equal(found[name], expected)
+    expected = np.median(5.0 + 2.5 * np.log10(tracks['flux'][seen])) if seen.any() else np.nan
+    zero_point = np.empty(1)
+    native_bank.call('stt_zero_point', zero_point)
+    np.testing.assert_allclose(zero_point, expected, rtol=1e-14)
+    kept, after = np.empty(count, np.int32), np.empty(count, np.int32)
+    crowded = native_bank.whole(np.arange(count) == 1)
+    native_bank.call('stt_keep', crowded, 1.0, 3, kept, after)
+    most = np.where(confirmed, 1, tracks['age'] // 2)
+    np.testing.assert_array_equal(kept, (crowded == 0) & (tracks['missed'] <= most))
+    np.testing.assert_array_equal(
+        after, confirmed | ((tracks['missed'] == 0) & (tracks['age'] >= 3)))
+
+
+def same_detected(updated):
+    """Of every second track, by some attitude and rate."""
+    tracks, count = updated.tracks, len(updated.tracks)
+    q, rate = quaternion_from_pointing(0.1, 0.2, 0.3), np.array([0.01, -0.02, 0.03])
+    sensor = np.column_stack([np.linspace(-0.1, 0.1, count), np.zeros(count), np.ones(count)])
+    sensor /= np.linalg.norm(sensor, axis=1, keepdims=True)
+    distance = np.where(np.arange(count) % 2, np.inf, 0.5)
+    best = native_bank.whole(np.arange(count) % len(updated.uv))
+    error = np.tile([0.1, 0.02, 0.3], (len(updated.uv), 1))
+    found = np.empty((count, 16))
+    found = found[:native_bank.call(
+        'stt_detected_stars', q, rate, rotate(q, sensor), distance, best, updated.uv, error,
+        len(error), found)]
+    seen = np.flatnonzero((tracks['confirmed'] > 0) & np.isfinite(distance))
+    flow = np.empty((count, 2, 3))
+    native_bank.call('st_image_flow', native_bank.camera_struct(CAMERA), sensor, flow, count)
+    np.testing.assert_array_equal(found[:, 0], seen)
+    uv = updated.uv[best[seen]]
+    expected = np.column_stack([
+        uv, uv - tracks['state'][seen][:, [0, 2]], error[:len(seen)],
+        flow[seen].reshape(-1, 6), flow[seen] @ rate])
+    np.testing.assert_allclose(found[:, 1:], expected, rtol=1e-9, atol=1e-9)
