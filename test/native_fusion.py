@@ -172,3 +172,14 @@ class Fusion:
             return np.zeros(0, STEP)
         size = int(count[0]) * STEP.itemsize
         return np.frombuffer(ctypes.string_at(address, size), STEP)
+
+
+def find_steps(heads: int, head, stamp_ns, offset, variance, law) -> np.ndarray:
+    """Return the steps (S,) of offsets (N, 3) of heads (N,) with law (N, L)."""
+    arrays = [np.array(head, np.int32), np.array(stamp_ns, np.int64),
+              *(np.array(one, float, order='C') for one in (offset, variance, law))]
+    steps = np.zeros(16, STEP)
+    places = [one.ctypes.data for one in arrays]
+    count = kernels().stt_find_steps(heads, len(arrays[0]), *places[:4], arrays[4].shape[1],
+                                     places[4], steps.ctypes.data, len(steps))
+    return steps[:count]
