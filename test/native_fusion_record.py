@@ -4,8 +4,8 @@
 """
 Write test/native/fusion.npz: what the fusion in Python is given in scenes, and what it gives.
 
-Of a scene: options, mounts (N, 4), events (E, 3) of kind (0 rate, 1 frame, 2 temperature), head and
-stamp, numbers of these; of each frame valid (F,), state (F, N) and codes (F, 2 + N); of one in
+Of a scene: options, mounts (N, 4), events (E, 3) of kind (0 rate, 1 frame, 2 temperature), head
+and stamp, numbers of these; of each frame valid (F,), state (F, N) and codes (F, 2 + N); of one in
 EACH fused (G, 37); counts (N, 6) at the end and steps (S, 8).
 """
 
@@ -45,7 +45,8 @@ SCENES = {
 CODES = (  # by words of the texts
     ('waiting for frames', 700), ('no frames of two', 701), ('disagree by', 702),
     ('no head that another', 703), ('no other head counts', 704), ('not positive definite', 705),
-    ('mounts_file', 706), ('no frames yet', 720), ('repeats stamps', 721), ('behind the other', 722),
+    ('mounts_file', 706), ('no frames yet', 720), ('repeats stamps', 721),
+    ('behind the other', 722),
     ('ahead of imu', 724), ('ahead of the other', 723), ('no other head or prediction', 725),
     ('after a time without', 726), ('deg from', 727), ('behind the heads', 740),
     ('does not turn so', 741), ('the heads agree', 743), ('imu reports', 742))

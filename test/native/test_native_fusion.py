@@ -4,7 +4,10 @@
 """The fusion of heads of the native core: as it was in Python (fusion.npz), and by properties."""
 
 from functools import cache
+import subprocess
 
+from limits import HANGS_S
+from native_core import compiler, ROOT
 import native_filter
 from native_filter import HEADS, MODES, State
 import native_fusion as native
@@ -32,12 +35,40 @@ Q0 = np.array([0.5, -0.1, 0.7, np.sqrt(1 - 0.75)])
 REASONS = {'waiting': 700, 'disagree': 702, 'not positive': 705, 'late': 722, 'repeats': 721}
 
 
+def compile_alone(source, language, *options):
+    done = subprocess.run(
+        [*compiler().command, '-x', language, *options, '-Wall', '-Wextra', '-pedantic', '-Werror',
+         '-c', '-I', str(ROOT / 'native' / 'include'), str(source), '-o', f'{source}.o'],
+        capture_output=True, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+
+
 def turned(q, rotation):
     return multiply(q, quaternion_from_rotation_vector(rotation))
 
 
 def error_of(q, truth):
     return rotation_vector_from_quaternion(multiply(conjugate(truth), q))
+
+
+# --- the header ---
+
+
+@pytest.mark.parametrize('language, standard', [('c', 'c99'), ('c++', 'c++11')])
+def test_the_header_stands_alone(tmp_path, language, standard):
+    source = tmp_path / 'alone'
+    source.write_text('#include "startracker_fusion.h"\nst_fused fused;\n')
+    compile_alone(source, language, f'-std={standard}')
+
+
+def test_the_types_of_the_tests_are_those_of_the_header(tmp_path):
+    source = tmp_path / 'layout.c'
+    source.write_text('#include "startracker_fusion.h"\n' + '\n'.join(
+        f'_Static_assert({what}({struct}{place}) == {size}, "{struct}{place}");'
+        for struct, kind in native.STRUCTS.items() for what, place, size in (
+            ('sizeof', '', kind.itemsize),
+            *(('offsetof', f', {name}', kind.fields[name][1]) for name in kind.names))))
+    compile_alone(source, 'c', '-std=c11')
 
 
 # --- the record ---
@@ -78,9 +109,9 @@ def test_a_scene_gives_what_it_gave_in_the_record(scene):
             assert found['quaternion'] @ expected['quaternion'] > 0
             turn = error_of(found['quaternion'], expected['quaternion'])
             for value, mean, covariance in (
-                    (turn, np.zeros(3), 'covariance'),
-                    (found['rate'], expected['rate'], 'rate_covariance'),
-                    (found['drift'], expected['drift'], 'drift_covariance')):
+                    (turn, np.zeros(3), 'covariance_rad2'),
+                    (found['rate_rad_s'], expected['rate_rad_s'], 'rate_covariance'),
+                    (found['drift_rad_s'], expected['drift_rad_s'], 'drift_covariance')):
                 P = expected[covariance].reshape(3, 3)
                 sigma = np.sqrt(np.diag(P))
                 assert (np.abs(value - mean) <= OF_SIGMA * sigma).all()
@@ -131,9 +162,9 @@ def test_heads_that_agree_give_the_attitude_of_the_body():
     results = heads.run(20)
     assert [heads.fusion.state(head) for head in range(3)] == ['used'] * 3
     assert heads.error_arcsec(results[-1]) < 0.01
-    np.testing.assert_allclose(results[-1]['rate'], RATE, atol=0.1 * ARCSEC)
+    np.testing.assert_allclose(results[-1]['rate_rad_s'], RATE, atol=0.1 * ARCSEC)
     assert heads.fusion.trouble['code'] == 0
-    for whole in (results[-1]['covariance'], results[-1]['rate_covariance']):
+    for whole in (results[-1]['covariance_rad2'], results[-1]['rate_covariance']):
         assert (whole == whole.T).all()
         np.linalg.cholesky(whole)
 
@@ -169,7 +200,7 @@ def test_frames_in_any_order_give_the_same_attitude():
         found.append(heads.frame(0, 2.5))
     for one in found[1:]:
         np.testing.assert_allclose(one['quaternion'], found[0]['quaternion'], atol=1e-13)
-        np.testing.assert_allclose(one['covariance'], found[0]['covariance'], rtol=1e-6)
+        np.testing.assert_allclose(one['covariance_rad2'], found[0]['covariance_rad2'], rtol=1e-6)
 
 
 def test_frames_beyond_the_capacity_are_forgotten_the_oldest_first():
@@ -194,7 +225,7 @@ def test_a_reset_forgets_all_frames():
     for one, other in zip(first, again):
         assert (one is None) == (other is None)
         if one is not None:
-            assert np.array_equal(one['covariance'], other['covariance'])
+            assert np.array_equal(one['covariance_rad2'], other['covariance_rad2'])
             assert np.abs(one['quaternion'] @ other['quaternion']) == pytest.approx(1, abs=1e-15)
 
 
@@ -214,7 +245,7 @@ def test_the_velocity_of_an_unknown_date_does_not_average_out():
     for covariance, least, most in ((wide, 12, 14), (COVARIANCE, 1, 2)):
         heads = Heads(start_ns=100 * 10 ** 9)
         heads.covariance = covariance
-        sigma = np.sqrt(np.diag(heads.run(60)[-1]['covariance'])) / ARCSEC
+        sigma = np.sqrt(np.diag(heads.run(60)[-1]['covariance_rad2'])) / ARCSEC
         assert least < sigma.min() and sigma.max() < most
 
 
@@ -293,13 +324,13 @@ def test_a_step_is_found_and_dated_and_slow_bending_is_none():
         offset[:, 1] += bent + stepped * size * (tick >= 703)[:, None]
         stamps = (tick[:, None] * 10 ** 9 + [0, 1]).ravel()
         variance = np.broadcast_to((ARCSEC * np.array([1, 1, 11])) ** 2, (2400, 3))
-        found = native.find_steps(2, np.tile([0, 1], 1200), stamps, offset.reshape(-1, 3), variance,
-                                  np.zeros((2400, 0)))
+        found = native.find_steps(2, np.tile([0, 1], 1200), stamps, offset.reshape(-1, 3),
+                                  variance, np.zeros((2400, 0)))
         assert len(found) == stepped
     step, = found
     assert step['head'] == 1 and abs(step['stamp_ns'] * 1e-9 - 703) <= 20
     # Of the block of the step a part is before it.
-    assert (np.abs(step['size'] - size) < 5 * step['sigma'] + 0.1 * np.abs(size)).all()
+    assert (np.abs(step['size_rad'] - size) < 5 * step['sigma_rad'] + 0.1 * np.abs(size)).all()
 
 
 def test_bending_by_a_known_law_and_noise_that_grows_are_no_steps():
