@@ -269,6 +269,36 @@ def test_what_is_no_attitude_is_refused():
     assert heads.fusion.add_rate(START_NS, RATE) and not heads.fusion.add_rate(START_NS, RATE)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_any_input_does_no_harm(seed):
+    """Stamps, attitudes and rates of any size: what comes out is an attitude, or nothing."""
+    rng, heads = np.random.default_rng(seed), Heads(3, frames=8, rates=16)
+    heads.run(5)
+    for _ in range(1500):
+        scale = 10.0 ** rng.integers(0, 20)
+        stamp_ns = heads.stamp(heads.time_s) + int(
+            np.clip(scale * rng.standard_normal(), -9e18, 7e18))
+        q, root = rng.standard_normal(4), rng.standard_normal((3, 3))
+        P = root @ root.T * 10.0 ** rng.integers(-25, 25)
+        fused = np.zeros((), native.FUSED)
+        kind, head = rng.integers(4), int(rng.integers(3))
+        if kind == 0:
+            heads.fusion.add_rate(stamp_ns, 10.0 ** rng.integers(-9, 3) * rng.standard_normal(3))
+        elif kind == 1:
+            native.call('add_frame', heads.fusion.handle, head, stamp_ns, q / np.linalg.norm(q),
+                        P, fused)
+        elif kind == 2:
+            heads.fusion.add_temperature(head, 300 * rng.standard_normal())
+        else:
+            fused = heads.run(1, [head])[0]
+        if fused is not None and fused['valid']:
+            assert np.isfinite(fused['covariance_rad2']).all()
+            np.linalg.cholesky(fused['covariance_rad2'] / np.trace(fused['covariance_rad2']))
+        for number in range(3):
+            heads.fusion.mount(number, heads.stamp(heads.time_s))
+            heads.fusion.learnt(number)
+
+
 def test_impossible_options_mounts_and_memory_are_refused():
     mounts, size = mounts_of(np.eye(4)[[3, 3, 3]]), np.zeros(1, np.uintp)
     assert native.call('size', defaults(3), mounts, size) == 0
