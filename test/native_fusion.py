@@ -22,21 +22,24 @@ MOUNT_OPTIONS = np.dtype([(name, float) for name in (
 CONFIG = np.dtype([('fusion', FUSION_OPTIONS), ('mount', MOUNT_OPTIONS), ('gyro', GYRO_OPTIONS),
                    *((name, np.int32) for name in ('heads', 'frames', 'rates', 'reserved'))])
 MOUNT = np.dtype([
-    ('quaternion', float, 4), ('covariance', float, (3, 3)), ('law', float, (3, 3)),
+    ('quaternion', float, 4), ('covariance_rad2', float, (3, 3)), ('law', float, (3, 3)),
     ('law_covariance', float, (12, 12)), ('time_offset_s', float), ('temperature_c', float),
     *((name, np.int32) for name in (
         'has_covariance', 'has_law', 'has_law_covariance', 'reserved'))])
 FUSED = np.dtype([
-    ('quaternion', float, 4), ('covariance', float, (3, 3)), ('rate', float, 3),
-    ('rate_covariance', float, (3, 3)), ('drift', float, 3),
+    ('quaternion', float, 4), ('covariance_rad2', float, (3, 3)), ('rate_rad_s', float, 3),
+    ('rate_covariance', float, (3, 3)), ('drift_rad_s', float, 3),
     ('drift_covariance', float, (3, 3)), ('stamp_ns', np.int64), ('valid', np.int32),
     ('reserved', np.int32)])
 HEAD = np.dtype([
     ('reason', REASON), ('noise_scale', float), *((name, np.int32) for name in (
         'state', 'silent', 'stands_out', 'needs_temperature', 'used', 'repeated', 'late', 'ahead',
         'disagreeing', 'not_counted_yet'))])
-STEP = np.dtype([('stamp_ns', np.int64), ('size', float, 3), ('sigma', float, 3),
+STEP = np.dtype([('stamp_ns', np.int64), ('size_rad', float, 3), ('sigma_rad', float, 3),
                  ('head', np.int32), ('reserved', np.int32)])
+STRUCTS = {'st_fusion_options': FUSION_OPTIONS, 'st_mount_options': MOUNT_OPTIONS,
+           'st_fusion_config': CONFIG, 'st_mount': MOUNT, 'st_fused': FUSED, 'st_head': HEAD,
+           'st_mount_step': STEP}
 STATES = ('waiting', 'checked', 'used', 'excluded')
 RECORD = Path(__file__).parent / 'native' / 'fusion.npz'
 
@@ -82,7 +85,7 @@ def defaults(heads: int, **options) -> np.ndarray:
 
 
 def mounts_of(quaternions, **numbers) -> np.ndarray:
-    """Return st_mount of quaternions (N, 4), with what is known of them by the names of a Mount."""
+    """Return st_mount of quaternions (N, 4), with what is known of them by its fields."""
     mounts = np.zeros(len(quaternions), MOUNT)
     mounts['quaternion'], mounts['temperature_c'] = quaternions, np.nan
     for name, value in numbers.items():
@@ -172,3 +175,14 @@ class Fusion:
             return np.zeros(0, STEP)
         size = int(count[0]) * STEP.itemsize
         return np.frombuffer(ctypes.string_at(address, size), STEP)
+
+
+def find_steps(heads: int, head, stamp_ns, offset, variance, law) -> np.ndarray:
+    """Return the steps (S,) of offsets (N, 3) of heads (N,) with law (N, L)."""
+    arrays = [np.array(head, np.int32), np.array(stamp_ns, np.int64),
+              *(np.array(one, float, order='C') for one in (offset, variance, law))]
+    steps = np.zeros(16, STEP)
+    places = [one.ctypes.data for one in arrays]
+    count = kernels().stt_find_steps(heads, len(arrays[0]), *places[:4], arrays[4].shape[1],
+                                     places[4], steps.ctypes.data, len(steps))
+    return steps[:count]

@@ -18,6 +18,14 @@ struct st_fusion {
 
 namespace {
 
+/// Differences of two stamps within it, year 2112, and of time offsets, are numbers too.
+constexpr int64_t LATEST_NS = 4'500'000'000'000'000'000;
+constexpr double MOST_OFFSET_S = 1e6;
+
+bool is_possible(int64_t stamp_ns) {
+    return -LATEST_NS <= stamp_ns && stamp_ns <= LATEST_NS;
+}
+
 /// A number of the options with its range, by the name in docs/parameters.md.
 struct Ranged {
     const char *name;
@@ -91,7 +99,7 @@ st_status check(const st_fusion_config *config, const st_mount *mounts, st_fault
             square += one * one;
         }
         if (!(std::fabs(std::sqrt(square) - 1) < 1e-6) ||
-            !std::isfinite(mounts[k].time_offset_s)) {
+            !(std::fabs(mounts[k].time_offset_s) <= MOST_OFFSET_S)) {
             return ST_BAD_INPUT;
         }
     }
@@ -188,7 +196,9 @@ st_status st_fusion_add_rate(st_fusion *fusion, int64_t stamp_ns, const double r
     if (fusion == nullptr || rate_rad_s == nullptr) {
         return ST_NULL_POINTER;
     }
-    return fusion->fusion.add_rate(stamp_ns, from<Vector3>(rate_rad_s)) ? ST_OK : ST_BAD_INPUT;
+    return is_possible(stamp_ns) && fusion->fusion.add_rate(stamp_ns, from<Vector3>(rate_rad_s))
+               ? ST_OK
+               : ST_BAD_INPUT;
 }
 
 st_status st_fusion_add_frame(st_fusion *fusion, int32_t head, int64_t stamp_ns,
@@ -198,7 +208,7 @@ st_status st_fusion_add_frame(st_fusion *fusion, int32_t head, int64_t stamp_ns,
         return ST_NULL_POINTER;
     }
     const HeadFrame frame{stamp_ns, from<Quaternion>(quaternion), from<Matrix3>(covariance)};
-    if (!has_head(fusion, head) || !is_attitude(frame)) {
+    if (!has_head(fusion, head) || !is_possible(stamp_ns) || !is_attitude(frame)) {
         return ST_BAD_INPUT;
     }
     // Where there is no attitude no number is one.
@@ -244,7 +254,7 @@ st_status st_fusion_head(const st_fusion *fusion, int32_t head, int64_t stamp_ns
     if (fusion == nullptr || state == nullptr) {
         return ST_NULL_POINTER;
     }
-    if (!has_head(fusion, head)) {
+    if (!has_head(fusion, head) || !is_possible(stamp_ns)) {
         return ST_BAD_INPUT;
     }
     const Head &of = fusion->fusion.head(head);
@@ -263,7 +273,7 @@ st_status st_fusion_mount(const st_fusion *fusion, int32_t head, int64_t stamp_n
     if (fusion == nullptr) {
         return ST_NULL_POINTER;
     }
-    if (!has_head(fusion, head)) {
+    if (!has_head(fusion, head) || !is_possible(stamp_ns)) {
         return ST_BAD_INPUT;
     }
     Vector3 offset;

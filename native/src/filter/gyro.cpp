@@ -154,6 +154,9 @@ StateWith<MOST> Gyro::propagated(const StateWith<MOST> &state, int64_t to_ns) co
         const MeasuredRate &measured = at(used);
         const int64_t until_ns =
             used < index || measured.stamp_ns > to_ns ? to_ns : measured.stamp_ns;
+        if (until_ns <= from_ns) {
+            continue;  // two rates of one stamp
+        }
         const double dt_s = seconds(until_ns - from_ns);
         after.rate_rad_s = measured.rate_rad_s - after.drift_rad_s;
         const Quaternion turn = quaternion_from_rotation_vector(scaled(after.rate_rad_s, dt_s));
