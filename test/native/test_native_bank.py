@@ -473,7 +473,7 @@ def same_update(updated, case, stars):
 
 
 def same_publication(tracks):
-    """The stars of such a sky are 1, 2, 3 ..., all of magnitude 5."""
+    """Compare tracks of the sky of sky_file(): stars 1, 2, 3 ..., all of magnitude 5."""
     count = len(tracks)
     confirmed = tracks['confirmed'] > 0
     seen = confirmed & (tracks['missed'] == 0)
@@ -504,7 +504,7 @@ def same_publication(tracks):
 
 
 def same_detected(updated):
-    """Of every second track, by some attitude and rate."""
+    """Compare detected stars of every second track, by some attitude and rate."""
     tracks, count = updated.tracks, len(updated.tracks)
     q, rate = quaternion_from_pointing(0.1, 0.2, 0.3), np.array([0.01, -0.02, 0.03])
     sensor = np.column_stack([np.linspace(-0.1, 0.1, count), np.zeros(count), np.ones(count)])

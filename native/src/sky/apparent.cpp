@@ -18,8 +18,9 @@ constexpr double LOWEST_COS = 0.1;
 /// Change of velocity that is ignored: 0.001 arcsec of aberration.
 constexpr double TOLERANCE_M_S = 1.5;
 
-/// 1 sigma per axis where the velocity of the Earth and that about it are unknown.
-const double UNKNOWN_SIGMA_M_S = std::sqrt((29.8e3 * 29.8e3 + 7.9e3 * 7.9e3) / 3);
+/// 1 sigma per axis where the velocity of the Earth, 29.8 km/s, and that of a low orbit about it,
+/// 7.9 km/s, are unknown.
+constexpr double UNKNOWN_SIGMA_M_S = 17799.34455722083;
 
 /// Largest magnitude difference of a blended neighbour: with a tenth of the light it shifts the
 /// centroid by a tenth of the overlap.

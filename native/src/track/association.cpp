@@ -145,10 +145,8 @@ void weigh_events(const DetectionModel &detection, double clutter_px2, Associati
 
 namespace {
 
-/// Most shared centroids between the first and the last of their tracks: one bit each.
-constexpr int OPEN_CENTROIDS = 64;
-
-/// Sets of assigned centroids, and for each the sum of its events.
+/// Sets of assigned centroids, of those between the first and the last of their tracks one bit each,
+/// and for each set the sum of its events.
 struct States {
     uint64_t *assigned;
     double *sum;

@@ -13,7 +13,7 @@ namespace {
 
 /// Radius of a gate, and largest misfit of a distance, in sigma of a centroid per axis: three times
 /// the error of the difference of two centroids.
-const double GATE_SIGMA = 3 * std::sqrt(2.0);
+constexpr double GATE_SIGMA = 3 * M_SQRT2;
 
 /// Identified neighbours that must agree to select one of the centroids of a gate.
 constexpr int NEIGHBOURS_IN_GATE = 2;
@@ -45,9 +45,7 @@ struct Neighbourhood {
         return du * du + dv * dv <= radius_px * radius_px;
     }
 
-    double tolerance_rad(int j) const {
-        return GATE_SIGMA * sigma_px[j] * pixel_rad / std::sqrt(2.0);
-    }
+    double tolerance_rad(int j) const { return GATE_SIGMA * sigma_px[j] * pixel_rad / M_SQRT2; }
 
     /// Return the misfit of this rank among those of the distances to identified stars, over what is
     /// tolerated; misfits has room for all stars.

@@ -19,8 +19,9 @@
 
 namespace st {
 
-/// The mean body rate about the boresight by a gyro, from the frame before to this one.
-/// noise_density rad^2/s is that of its white noise.
+/// The mean body rate about the boresight by a gyro, from the frame before to this one: there with
+/// the option roll_by_gyro and a gyro that is not silent. noise_density rad^2/s is that of its white
+/// noise.
 struct MeasuredRoll {
     bool is_there;
     double rate_rad_s, noise_density;
