@@ -138,6 +138,10 @@ def star_motion(model, dt_s, rate_rad_s, noise) -> tuple[np.ndarray, np.ndarray]
     return transition, covariance
 
 
+def coordinated_turn(dt_s, rate_rad_s, density) -> tuple[np.ndarray, np.ndarray]:
+    return star_motion('coordinated_turn', dt_s, rate_rad_s, density)
+
+
 def rolled(camera, rate_rad_s, dt_s) -> np.ndarray:
     transition = np.empty((4, 4))
     call('stt_rolled', camera_struct(camera), float(rate_rad_s), float(dt_s), transition)

@@ -4,18 +4,15 @@
 """
 Integrity of the native core for tests: its functions by ctypes, and a record of real runs.
 
-python test/native_integrity.py writes the record, native/integrity.npz, by the functions in Python
-with the same names: what goes into them in runs of transcripts.py, and what they give.
+native/integrity.npz has what its functions were given in runs of transcripts.py and what they
+gave, from when they were written in Python.
 """
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 import ctypes
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
-from unittest.mock import patch
 
 from native_core import call, filled, kernels
 import numpy as np
@@ -345,7 +342,7 @@ def camera_struct(camera) -> np.ndarray:
     return struct
 
 
-# --- the record, by the functions in Python ---
+# --- the record ---
 
 RUNS = {  # how many frames
     'torn frames 1 deg/s': 36, 'rolling shutter 1 deg/s': 12, 'list, stamps that err by 5 ms': 40,
@@ -353,227 +350,6 @@ RUNS = {  # how many frames
     'slews, gyro in deg/s': 60, 'list, three images in a row one frame late, 1 deg/s': 40,
     'half of the image covered': 40, '30 false, 20 % missing': 20, 'smear 5 deg/s, 20 ms': 20,
     'start with 100 spots': 20}
-OF_ROWS = ('torn frames 1 deg/s', 'rolling shutter 1 deg/s', 'list, stamps that err by 5 ms')
-OF_STAMPS = ('list, stamps that err by 5 ms', 'list, sway 0.05 deg, 1 s, exposed 0.1 s',
-             'slews to 3 deg/s, gyro')
-OF_GYRO = ('slews to 3 deg/s, gyro', 'slews, gyro in deg/s')
-OF_EXPECTED = ('torn frames 1 deg/s', 'list, three images in a row one frame late, 1 deg/s',
-               'half of the image covered', '30 false, 20 % missing', 'start with 100 spots')
-OF_TRUST = ('torn frames 1 deg/s', 'smear 5 deg/s, 20 ms', 'half of the image covered')
-
-
-def _listen(stack: ExitStack, owner: Any, name: str) -> list:
-    """Return a list that gets the arguments of all calls of a function or method."""
-    original, calls = getattr(owner, name), []
-
-    def listened(*arguments):
-        calls.append(arguments)
-        return original(*arguments)
-    stack.enter_context(patch.object(owner, name, listened))
-    return calls
-
-
-def _run(name: str) -> tuple[list, dict[str, list], Any]:
-    """Return the frames of a run, the calls of integrity, and the camera."""
-    from startracker_ros.core.attitude.gyro import Gyro
-    from startracker_ros.core.integrity import gyro_agreement, lens_error, stamp_jitter, validation
-    from startracker_ros.core.track import track_filter
-    from transcripts import frames_of
-    frames: list = []
-    listened: dict[str, list] = {}
-    with ExitStack() as stack:
-        for key, owner, method in (
-                ('lens', lens_error.LensError, 'add'), ('stamps', stamp_jitter.StampJitter, 'add'),
-                ('interrupt', stamp_jitter.StampJitter, 'interrupt'),
-                ('gyro', gyro_agreement.GyroAgreement, 'add'), ('rate', Gyro, 'add'),
-                ('check', validation.AttitudeValidator, 'check'),
-                ('expected', track_filter, 'expected_stars')):
-            listened[key] = _listen(stack, owner, method)
-        for frame in frames_of(name):
-            frames.append(frame)
-            if len(frames) == RUNS[name]:
-                break
-    return frames, listened, listened['check'][0][0]._camera
-
-
-def _rows(calls, camera) -> dict[str, np.ndarray]:
-    from startracker_ros.core.integrity.consistency import Residuals, RowPattern
-    from startracker_ros.core.integrity.lens_error import LensError as Twin
-    stars = [np.column_stack([
-        index, one.uv, one.residual, one.error[:, 0], one.error[:, 1, 1],
-        one.flow.reshape(-1, 6), one.velocity]) for _, index, one in calls['lens']]
-    results, texts = [], []
-    for fault in ROW_FAULTS:
-        pattern, lens = RowPattern(camera), Twin(camera)
-        for recorded in stars:
-            star = with_row_fault(fault, recorded, camera_struct(camera), lens.scale)
-            residuals = Residuals(*map(np.ascontiguousarray, (
-                star[:, 1:3], star[:, 3:5], star[:, [5, 6, 6, 7]].reshape(-1, 2, 2),
-                star[:, 8:14].reshape(-1, 2, 3), star[:, 14:])))
-            texts.append(pattern.find(residuals))
-            first = lens.add(star[:, 0].astype(np.int64), residuals)
-            results.append([lens.value_px, lens.scale, lens.scale_sigma, first, *pattern._slope,
-                            pattern._frames])
-    return {'rows/star': np.concatenate(stars), 'rows/stars': np.array([*map(len, stars)]),
-            'rows/text': np.array(texts), 'rows/known': np.array(results)}
-
-
-def _stamps(calls) -> dict[str, np.ndarray]:
-    from startracker_ros.core.attitude.attitude_state import AttitudeState
-    from startracker_ros.core.integrity.stamp_jitter import StampJitter as Twin
-    stamps, recorded, known = [], [], []
-    for _, before, predicted, corrected, turn, R in calls['stamps']:
-        # A frame that is not used lies between; and once in the middle.
-        interrupted = stamps and (before.stamp_ns != stamps[-1][1] or len(stamps) == 25)
-        stamps.append((before.stamp_ns, corrected.stamp_ns, bool(interrupted)))
-        recorded.append(np.concatenate([
-            before.quaternion, before.rate, predicted.quaternion, predicted.rate,
-            corrected.quaternion, corrected.rate, turn, R.ravel()]))
-    for fault in STAMP_FAULTS:
-        twin = Twin()
-        for (before_ns, stamp_ns, interrupted), numbers in zip(
-                stamps, with_stamp_errors(fault, np.array(recorded))):
-            if interrupted:
-                twin.interrupt()
-            before, predicted, corrected = (AttitudeState(
-                at_ns, state[:4].copy(), state[4:].copy(), np.zeros(3), np.zeros((9, 9)))
-                for at_ns, state in zip((before_ns, stamp_ns, stamp_ns),
-                                        numbers[:21].reshape(3, 7)))
-            twin.add(before, predicted, corrected, numbers[21:24].copy(),
-                     numbers[24:].reshape(3, 3).copy())
-            known.append([twin.sigma_s, *twin.turn_rad])
-    return {'stamps/ns': np.array(stamps), 'stamps/numbers': np.array(recorded),
-            'stamps/known': np.array(known)}
-
-
-def _gyro(calls) -> dict[str, np.ndarray]:
-    from startracker_ros.core.attitude.gyro import Gyro
-    from startracker_ros.core.integrity.gyro_agreement import GyroAgreement
-    rates = [(stamp_ns, rate) for _, stamp_ns, rate in calls['rate']]
-    frames = [one[1:] for one in calls['gyro']]
-    gyro, found, numbers = Gyro(), [], []
-    agreement, left = GyroAgreement(gyro), list(rates)
-    for stamp_ns, *values in frames:
-        while left and left[0][0] <= stamp_ns:
-            gyro.add(*left.pop(0))
-        against = agreement.add(stamp_ns, *values)
-        found.append([against, agreement._agreed])
-        numbers.append(np.concatenate([np.ravel(value) for value in values]))
-    return {'gyro/rate_ns': np.array([one for one, _ in rates]),
-            'gyro/rate': np.array([one for _, one in rates]),
-            'gyro/frame_ns': np.array([one[0] for one in frames]),
-            'gyro/frame': np.array(numbers), 'gyro/found': np.array(found)}
-
-
-def _expected(calls) -> dict[str, np.ndarray]:
-    from startracker_ros.core.integrity.consistency import expected_stars
-    kept, texts = calls['expected'][1::6], []
-    for expected, velocity, uv, present_px in kept:
-        star = np.column_stack([expected, velocity])
-        texts += [expected_stars(expected, velocity, with_stars_elsewhere(fault, star, uv),
-                                 present_px) for fault in EXPECTED_FAULTS]
-    return {'expected/star': np.concatenate([np.column_stack(one[:2]) for one in kept]),
-            'expected/stars': np.array([len(one[0]) for one in kept]),
-            'expected/uv': np.concatenate([one[2] for one in kept]),
-            'expected/centroids': np.array([len(one[2]) for one in kept]),
-            'expected/present_px': np.array([one[3] for one in kept]),
-            'expected/text': np.array(texts)}
-
-
-def _outcome(trusted) -> tuple[np.ndarray, str]:
-    """Return numbers (18,) and the reason of a TrustedAttitude in Python."""
-    one = trusted.attitude
-    if one is None:
-        return np.full(18, np.nan), trusted.reason
-    return np.concatenate([
-        one.quaternion, one.covariance_sensor.ravel(), [one.chi2, np.nan],
-        trusted.protection_rad]), trusted.reason
-
-
-def _tracks(calls, camera) -> dict[str, np.ndarray]:
-    from startracker_ros.core.integrity.validation import AttitudeValidator, ValidationOptions
-    stars, numbers, results, texts = [], [], [], []
-    for index, (_, sky, tracked, uv, hip, sigma_px, residual_px) in enumerate(calls['check']):
-        # Every fifth with few stars, every seventh aside.
-        few = slice(3 + index % 4) if index % 5 == 4 else slice(None)
-        uv, hip, sigma_px, residual_px = uv[few], hip[few], sigma_px[few], residual_px[few]
-        if index % 7 == 6:
-            uv = uv + 0.9
-        found, text = _outcome(AttitudeValidator(camera, ValidationOptions()).check(
-            sky, tracked, uv, hip, sigma_px, residual_px))
-        entry = sky.onboard.index_of(hip)
-        assert (entry >= 0).all()
-        stars.append(np.column_stack([uv, sky.direction(entry), sigma_px, residual_px]))
-        numbers.append([*tracked.quaternion, *tracked.covariance_sensor.ravel(), tracked.chi2])
-        results.append(found)
-        texts.append(text)
-    return {'tracks/star': np.concatenate(stars), 'tracks/stars': np.array([*map(len, stars)]),
-            'tracks/attitude': np.array(numbers), 'tracks/trusted': np.array(results),
-            'tracks/text': np.array(texts)}
-
-
-def _solved(frames, calls, camera) -> dict[str, np.ndarray]:
-    """Return frames that were identified, by all solvers, with an observer that is not known."""
-    from startracker_ros.core.astro.observer_motion import AT_REST
-    from startracker_ros.core.integrity.validation import AttitudeValidator, ValidationOptions
-    sky = calls['check'][0][1]
-    observer = AT_REST._replace(velocity_sigma_m_s=300.0, epoch_sigma_years=2.0)
-    sky = sky.seen_by(observer)
-    stars, results, texts = [], [], []
-    for index, frame in enumerate([one for one in frames if one.identification is not None][:4]):
-        centroids = frame.centroids
-        entry = sky.onboard.index_of(frame.identification.hip)
-        known = entry >= 0
-        hip = np.where(known, frame.identification.hip, 0)
-        uv = centroids.uv.copy()
-        if index == 3:
-            uv[::2] += 3.0  # does not fit
-        error = centroids.covariance * (0.2 if index == 2 else 1.0)  # chi2 is large
-        for solver in SOLVERS:
-            found, text = _outcome(AttitudeValidator(
-                camera, ValidationOptions(solver=solver)).solve(sky, uv, hip, error))
-            results.append(found)
-            texts.append(text)
-        motion = sky.motion(entry[known])
-        stars.append(np.column_stack([
-            uv[known], error[known][:, 0], error[known][:, 1, 1], sky.direction(entry[known]),
-            motion]))
-    return {'solved/star': np.concatenate(stars), 'solved/stars': np.array([*map(len, stars)]),
-            'solved/trusted': np.array(results), 'solved/text': np.array(texts)}
-
-
-def _solutions() -> dict[str, np.ndarray]:
-    """Return what the solvers give of solver_inputs(): status and stars, then numbers."""
-    from startracker_ros.core.attitude import solution
-    results = []
-    for sensor, icrf, sigma in solver_inputs().values():
-        for solver in range(4):
-            status, star, twin, q, P, residual, chi2 = solution.solve(
-                solver, *map(np.array, (sensor, icrf, sigma)))
-            good = status == solution.SOLVED
-            results.append([status, star, twin, *(q if good else np.full(4, np.nan)),
-                            *(P.ravel() if good else np.full(9, np.nan)), chi2,
-                            residual.max() if good else np.nan])
-    return {'solutions': np.array(results)}
-
-
-def _covariances() -> dict[str, np.ndarray]:
-    """Return what functions of covariances give for random input; native_inputs() has it."""
-    from startracker_ros.core.attitude.result import pointing_covariance
-    from startracker_ros.core.integrity.protection import (
-        protection_level as level, ProtectionOptions)
-    from startracker_ros.core.integrity import systematic_errors as twin
-    results = []
-    for one in covariance_inputs():
-        results.append(np.concatenate([
-            twin.velocity_covariance(250.0, one.sensor, one.sigma).ravel(),
-            twin.lens_covariance(1e-5, 2e-4, one.sensor, one.sigma).ravel(),
-            twin.epoch_covariance(one.q, 3.0, one.sensor, one.sigma, one.motion).ravel(),
-            pointing_covariance(one.common, one.camera).ravel(),
-            pointing_covariance(one.common, one.camera, one.rate).ravel(),
-            level(one.P, one.sensor, one.sigma, one.residual),
-            level(one.P, one.sensor, one.sigma, one.residual, ProtectionOptions(1e-4, 1e-3), 2)]))
-    return {'covariances': np.array(results)}
 
 
 class CovarianceInput(NamedTuple):
@@ -604,31 +380,7 @@ def covariance_inputs() -> list[CovarianceInput]:
     return found
 
 
-def record() -> dict[str, np.ndarray]:
-    """Return the arrays of the record, by run and name."""
-    arrays: dict[str, np.ndarray] = {**_solutions(), **_covariances()}
-    for name in RUNS:
-        frames, calls, camera = _run(name)
-        of_run: dict[str, np.ndarray] = {
-            'camera': np.frombuffer(camera_struct(camera).tobytes(), np.uint8)}
-        for runs, made in ((OF_ROWS, partial(_rows, calls, camera)),
-                           (OF_STAMPS, partial(_stamps, calls)), (OF_GYRO, partial(_gyro, calls)),
-                           (OF_EXPECTED, partial(_expected, calls)),
-                           (OF_TRUST, partial(_tracks, calls, camera)),
-                           (OF_TRUST, partial(_solved, frames, calls, camera))):
-            if name in runs:
-                of_run |= made()
-        arrays |= {f'{name}/{key}': value for key, value in of_run.items()}
-        print(name, {key: len(value) for key, value in of_run.items() if key.endswith('text')})
-    return arrays
-
-
 def spans(counts: np.ndarray) -> list[slice]:
     """Return where each of lists of these lengths is, one after the other."""
     ends = [0, *np.cumsum(counts).tolist()]
     return [slice(*one) for one in pairwise(ends)]
-
-
-if __name__ == '__main__':
-    np.savez_compressed(RECORD, **record())
-    print(RECORD, RECORD.stat().st_size // 1000, 'kB')

@@ -27,6 +27,7 @@ MOST_CENTROIDS = 5000
 """Capacity of lists of centroids, the brightest; what is not used takes no memory."""
 
 _ALIGNMENT = 64
+_SKY = 'native_sky'
 _LENSES = list(MODELS)
 _COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of an st_centroid
 _NUMBERS = native.CENTROID.itemsize // 8
@@ -136,13 +137,21 @@ def native_camera(camera: Camera) -> np.ndarray:
 
 
 def native_sky(onboard: OnboardCatalog) -> np.ndarray:
-    """Return a sky file of a catalogue in memory, with its stars alone: no patterns, no pairs."""
-    file = BytesIO()
-    write_arrays(file, star_arrays(onboard))
-    content = file.getbuffer()
-    sky = aligned(len(content))
-    sky[:] = np.frombuffer(content, np.uint8)
-    return sky
+    """
+    Return a sky file of a catalogue in memory, with its stars alone: no patterns, no pairs.
+
+    It is made once for a catalogue.
+    """
+    made = vars(onboard)
+    if _SKY not in made:
+        file = BytesIO()
+        write_arrays(file, star_arrays(onboard))
+        content = file.getbuffer()
+        sky = aligned(len(content))
+        sky[:] = np.frombuffer(content, np.uint8)
+        # In a list: arrays are those of the stars.
+        made[_SKY] = [sky]
+    return made[_SKY][0]
 
 
 def native_centroids(centroids: Centroids) -> np.ndarray:

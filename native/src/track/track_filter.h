@@ -98,6 +98,9 @@ public:
     Gyro gyro;
     HintedStart hints{};
 
+    /// The model of one rotation.
+    const AttitudeModel &model() const { return attitude_; }
+
     double stamp_sigma_s() const { return is_attitude() ? attitude_.stamp_sigma_s() : 0.0; }
     bool uses_gyro() const { return is_attitude() ? attitude_.uses_gyro() : stars_.uses_gyro; }
     const st_reason &gyro_trouble() const {
