@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import zlib
 
 from directions import blurred, field, unit
+from native_bank import coordinated_turn
 import numpy as np
 from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
@@ -53,8 +54,7 @@ from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
-from startracker_ros.core.track.motion_models import (
-    constant_velocity, coordinated_turn, image_jacobian)
+from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 
 FOLDER = Path(__file__).parent / 'conformance'
 EPOCH_YEAR = 2026.5

@@ -48,7 +48,7 @@ extern "C" {
 /* Raised with every change of a struct, an enumeration or a function. */
 #define ST_VERSION 2
 
-#define ST_REASON_FIGURES 6
+#define ST_REASON_FIGURES 9
 #define ST_MOST_BODIES 16
 
 /* ---- wrong use ---------------------------------------------------------------------------- */
@@ -164,7 +164,8 @@ typedef struct {
 
 /* ---- options: names, defaults and ranges are those of docs/parameters.md ------------------ */
 /* Band of the magnitudes and magnitude limit of the pairs are options of the sky file; the orbit is
- * the caller's, who gives the observer. Methods of papers are not in this library. */
+ * the caller's, who gives the observer. Of the methods of papers this library has models of the
+ * motion of stars. */
 
 typedef enum { ST_THRESHOLD_SIGMA = 0, ST_THRESHOLD_FIXED, ST_THRESHOLD_ITERATIVE } st_threshold;
 
@@ -197,20 +198,38 @@ typedef struct {
     int32_t reserved;
 } st_identification_options;
 
+/* How the stars move: one rotation moves all of them, or, as papers have it, each has a filter of its
+ * own (JPDAF), or none: it is where it was measured (star neighbourhood approach). */
+typedef enum {
+    ST_ATTITUDE_MODEL = 0,
+    ST_CONSTANT_VELOCITY,
+    ST_COORDINATED_TURN,
+    ST_SNA,
+    ST_MODEL_COUNT
+} st_motion_model;
+
+/* Factors of the false centroids in a joint event of a filter for each star: lambda^phi of a known
+ * density, phi! / V^phi of an unknown one, or none, with the sums of all events normalised. */
+typedef enum { ST_POISSON = 0, ST_DIFFUSE, ST_NORMALISED, ST_ASSOCIATION_COUNT } st_association;
+
+typedef enum { ST_QUEST = 0, ST_DAVENPORT, ST_SVD, ST_TRIAD } st_solver;
+
 typedef struct {
     double magnitude_limit;
     double acceleration_deg_s2, roll_acceleration_deg_s2;
     double sigma_floor_px, detection_probability, gate_probability;
     double magnitude_tolerance, max_residual_px, max_rate_deg_s, max_gap_s;
     int32_t max_stars, min_stars, max_missed, confirm_frames, max_bad_frames;
-    int32_t reserved;
+    int32_t model;            /* st_motion_model: the options below are not of ST_ATTITUDE_MODEL */
+    int32_t solver;           /* st_solver, of the attitude */
+    int32_t association;      /* st_association, of a filter for each star; as the next two */
+    int32_t sna_confirmation; /* 1: only centroids that the star neighbourhood approach confirms */
+    int32_t roll_by_gyro;     /* 1: the image rolls as a gyro says */
 } st_tracking_options;
 
 typedef struct {
     double gyro_drift_deg_h, gyro_noise_deg_sqrt_h, gyro_range_deg_s, gyro_rate_change_deg_s2;
 } st_gyro_options;
-
-typedef enum { ST_QUEST = 0, ST_DAVENPORT, ST_SVD, ST_TRIAD } st_solver;
 
 typedef struct {
     double max_residual_px;
@@ -284,6 +303,7 @@ typedef enum {
     ST_REASON_IDENTIFIED_TWICE,    /* stars */
     ST_REASON_HINT_AGREES,         /* stars */
     ST_REASON_PREDICTION_AGREES,   /* stars */
+    ST_REASON_STARS_ELSEWHERE,     /* frames that were not used, stars identified in the last */
     ST_REASON_CHECK_CONTRADICTS,   /* deg between an identification and the tracks */
     ST_REASON_NO_STARS,            /* s */
     ST_REASON_DIVERGED,            /* frames in a row, limit in sigma, last innovation in sigma */
@@ -299,10 +319,12 @@ typedef enum {
     /* gyro that is not used */
     ST_REASON_GYRO_AT_RANGE = 500,
     ST_REASON_GYRO_DISAGREES, /* rate of the gyro rad/s x y z, of the stars x y z */
+    ST_REASON_ROLL_DISAGREES, /* a filter for each star: stars are not where the roll has them */
+    ST_REASON_NO_ROLL,        /* no rates: roll_by_gyro has no effect */
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
     ST_REASON_NOT_TRACKED,        /* the tracking has no attitude */
-    ST_REASON_TOO_FEW_STARS,      /* stars, min_stars */
+    ST_REASON_TOO_FEW_STARS,      /* stars, min_stars, 1: tracked, 0: identified ones */
     ST_REASON_RESIDUAL,           /* rms px of solved stars, max_residual_px */
     ST_REASON_TRACKS_ASIDE,       /* rms px of tracks from the attitude, max_residual_px */
     ST_REASON_ERRORS_UNKNOWN,     /* diagonal of a covariance that is not positive definite */
@@ -449,6 +471,7 @@ typedef struct {
     int32_t gyro;               /* st_gyro_use */
     int32_t tracks, tracks_left_out, predictions;
     int32_t stars_matched, frames_since_fix, late_frames, rejected_centroids, checks_passed;
+    st_budget budget, frame_budget; /* of attitude and frame_attitude */
     st_reason reason, contradiction, gyro_trouble;
 } st_tracking;
 
@@ -458,8 +481,7 @@ typedef struct {
 } st_trusted; /* of st_trust and st_trust_stars */
 
 typedef struct {
-    st_attitude attitude; /* valid only if it can be trusted */
-    st_budget budget;     /* of attitude and tracking.attitude */
+    st_attitude attitude; /* valid only if it can be trusted; its budget is tracking.budget */
     st_reason reason;     /* ST_REASON_TRUSTED, or why attitude is not valid */
     st_extraction extraction;
     st_identification identification;
@@ -525,7 +547,7 @@ ST_API st_status st_image_flow(const st_camera *camera, const double *direction,
  * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
 ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
-/* ---- trackers: so far of the stages ST_EXTRACTS and ST_IDENTIFIES, others are ST_NO_STAGE ----- */
+/* ---- trackers ------------------------------------------------------------------------------ */
 
 /* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
@@ -575,6 +597,56 @@ ST_API st_status st_identify_on(st_tracker *tracker, double slice_s, const volat
 /* One for each centroid, in their order, of the last call; empty without an attitude. */
 ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
 
+/* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
+ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
+
+/* Without any the observer is at rest and star places are those of the catalogue. */
+ST_API st_status st_add_observer(st_tracker *tracker, int64_t stamp_ns,
+                                 const st_observer *observer);
+
+ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
+
+/* The attitude at a time near its own, by rate and acceleration, with its covariance. */
+ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
+
+/* 1 where the next frame needs an identification: not while tracking unless a check is due. */
+ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,
+                                        st_state state, int32_t windowed);
+
+/* exposure_s (2) are the least and the largest exposure, null where unknown. ST_NOT_NEWER for a stamp
+ * that is not newer than the one before: the frame is not used, but counted in late_frames. One that
+ * is older by more than 1 s restarts the tracking. */
+ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
+                          size_t count, const double *exposure_s, st_tracking *tracking);
+
+/* Start tracks of stars that came into view, which the next st_track would do first: called
+ * between two frames it saves that time. */
+ST_API st_status st_prepare(st_tracker *tracker);
+
+/* An identification made elsewhere, for the tracking, whose state is then tracking; it may come some
+ * frames late. */
+ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
+                                       const st_centroid *centroids,
+                                       const st_identified *identified, size_t count,
+                                       st_tracking *tracking);
+
+/* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
+ * where there is no attitude. */
+ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
+ST_API const st_prediction *st_predictions(st_tracker *tracker, size_t *count);
+
+/* tracked is that of the tracking; null: solved from the tracks. */
+ST_API st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *tracks,
+                          size_t count, const st_attitude *tracked, st_trusted *trusted);
+
+ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
+                                const st_centroid *centroids, const st_identified *identified,
+                                size_t count, st_trusted *trusted);
+
+/* Angles, rad, between the stars of the last st_trust or st_trust_stars and the catalogue, in the
+ * order in which they were given; the list of the last call, as st_centroids. */
+ST_API const double *st_residuals(const st_tracker *tracker, size_t *count);
+
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
 
@@ -589,48 +661,6 @@ ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
                                       const st_centroid *centroids, size_t count,
                                       const double *exposure_s, int32_t windowed,
                                       st_result *result);
-
-/* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
-ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
-
-/* Without any the observer is at rest and star places are those of the catalogue. */
-ST_API st_status st_add_observer(st_tracker *tracker, int64_t stamp_ns,
-                                 const st_observer *observer);
-
-ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
-
-/* The attitude at a time near its own, by rate and acceleration, with its covariance. */
-ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
-
-/* Lists of the last call, as st_centroids. */
-ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
-ST_API const st_prediction *st_predictions(const st_tracker *tracker, size_t *count);
-
-/* Single stages, for parts of the system in separate processes. */
-
-/* 1 where the next frame needs an identification: not while tracking unless a check is due. */
-ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,
-                                        st_state state, int32_t windowed);
-
-ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
-                          size_t count, const double *exposure_s, st_tracking *tracking);
-
-/* Start tracks of stars that came into view, which the next st_track would do first: called
- * between two frames it saves that time. */
-ST_API st_status st_prepare(st_tracker *tracker);
-
-/* An identification made elsewhere, for st_track; it may come some frames late. */
-ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
-                                       const st_centroid *centroids,
-                                       const st_identified *identified, size_t count);
-
-/* tracked is that of the tracking; null: solved from the tracks. */
-ST_API st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *tracks,
-                          size_t count, const st_attitude *tracked, st_trusted *trusted);
-
-ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
-                                const st_centroid *centroids, const st_identified *identified,
-                                size_t count, st_trusted *trusted);
 
 #endif /* ST_PLANNED */
 

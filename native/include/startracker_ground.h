@@ -139,6 +139,30 @@ ST_API st_status st_verify_quads(st_tracker *tracker, const st_image_stars *star
                                  double least_support, double tested, int32_t *best,
                                  double *false_alarm_probability);
 
+/* ---- checks of integrity: docs/integrity.md has their evidence and what follows ------------- */
+
+#define ST_MOST_LIMITS 6
+
+typedef struct {
+    const char *name; /* with its unit */
+    double value;
+} st_limit;
+
+/* The action follows where the evidence is beyond the threshold, or beyond limits. */
+typedef struct {
+    const char *name;
+    double probability; /* of the threshold by chance; 0: the evidence has no known distribution */
+    double threshold;   /* chi-square that is exceeded with it; 0 without dof */
+    int32_t dof;
+    int32_t frames; /* looked at, in a row or the first; 0: the one */
+    int32_t reason; /* st_reason_code of what a user sees; 0: another hypothesis, or a figure */
+    int32_t limits;
+    st_limit limit[ST_MOST_LIMITS];
+} st_check;
+
+/* All checks, constants of the library. */
+ST_API const st_check *st_checks(size_t *count);
+
 #ifdef __cplusplus
 }
 #endif

@@ -24,7 +24,7 @@ bool are_given(const st_pairs &pairs) {
 }
 
 const double (*vectors(const double *array))[3] {
-    return reinterpret_cast<const double(*)[3]>(array);
+    return reinterpret_cast<const double (*)[3]>(array);
 }
 
 Pairs pairs_of(const st_pairs &pairs) {
@@ -67,16 +67,17 @@ st_status check(const st_config *config, const st_camera *camera, const st_patte
     return config->stages == ST_IDENTIFIES ? ST_OK : ST_NO_STAGE;
 }
 
-IdentificationSetup setup_for(const st_config &config, const st_patterns &given) {
+Setup setup_for(const st_config &config, const st_patterns &given) {
     const Cells cells{given.cells, given.start, given.member};
-    return {{given.stars, given.hip, vectors(given.direction), given.magnitude, given.blended,
-             cells, pairs_of(given.bright), pairs_of(given.pairs)},
-            {given.bright_image_stars, given.bright_triangles},
-            given.scale_error,
-            given.bases_by_brightness != 0,
-            given.lens_unknown == 0,
-            config.identification.max_image_stars,
-            given.most_centroids};
+    return {{},
+            {{given.stars, given.hip, vectors(given.direction), given.magnitude, given.blended,
+              cells, pairs_of(given.bright), pairs_of(given.pairs)},
+             {given.bright_image_stars, given.bright_triangles},
+             given.scale_error,
+             given.bases_by_brightness != 0,
+             given.lens_unknown == 0,
+             config.identification.max_image_stars,
+             given.most_centroids}};
 }
 
 st_status check(const st_tracker *tracker, const st_image_stars *stars) {
@@ -123,8 +124,8 @@ st_status st_size_for(const st_config *config, const st_camera *camera,
     }
     const st_status status = check(config, camera, patterns, nullptr);
     if (status == ST_OK) {
-        const IdentificationSetup setup = setup_for(*config, *patterns);
-        *bytes = tracker_bytes(*config, *camera, &setup);
+        const Setup setup = setup_for(*config, *patterns);
+        *bytes = tracker_bytes(*config, *camera, setup);
     }
     return status;
 }
@@ -139,8 +140,8 @@ st_status st_create_for(void *memory, size_t bytes, const st_config *config,
     if (status != ST_OK) {
         return status;
     }
-    const IdentificationSetup setup = setup_for(*config, *patterns);
-    return make_tracker(memory, bytes, *config, *camera, &setup, tracker);
+    const Setup setup = setup_for(*config, *patterns);
+    return make_tracker(memory, bytes, *config, *camera, setup, tracker);
 }
 
 st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,

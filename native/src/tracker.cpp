@@ -12,6 +12,7 @@
 
 #include "centroid/spots.h"
 #include "options.h"
+#include "sky/epoch.h"
 
 using namespace st;
 
@@ -22,12 +23,8 @@ constexpr int DERIVED_PREDICTIONS = 1000;
 // Between pixels of a camera and those that the stars of a sky file are resolved by.
 constexpr double OTHER_PIXELS = 1.25;
 
-int most_centroids(const st_config &config) {
-    const st_extraction_options &options = config.extraction;
-    const int most =
-        options.max_stars > options.max_stars_lost ? options.max_stars : options.max_stars_lost;
-    return config.capacities.centroids > 0 ? config.capacities.centroids
-                                           : most + options.max_stars;
+bool has(const st_config &config, int32_t stage) {
+    return (config.stages & stage) != 0;
 }
 
 /// What stays between calls, and work memory.
@@ -35,67 +32,75 @@ struct Bytes {
     size_t kept, work;
 };
 
-Bytes bytes_of(const st_config &config, int width, int height,
-               const IdentificationSetup *identifies) {
+size_t extraction_work_bytes(const st_config &config, int width, int height) {
+    const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+    return Arena::padded<std::byte>(work_bytes(width, height, limits_of(config, width, height))) +
+           8 * Arena::padded<Place>(static_cast<size_t>(most_predictions(config))) +
+           Arena::padded<uint16_t>(pixels);
+}
+
+Bytes bytes_of(const st_config &config, const st_camera &camera, const Setup &setup) {
+    const int width = camera.width_px, height = camera.height_px;
+    const Lens lens = lens_of(camera);
+    const SkyFile &sky = setup.sky_file;
     Bytes bytes{Arena::padded<st_tracker>(1), 0};
-    if ((config.stages & ST_EXTRACTS) != 0) {
+    if (has(config, ST_EXTRACTS)) {
         const ExtractionLimits limits = limits_of(config, width, height);
-        const auto predictions = static_cast<size_t>(most_predictions(config));
-        const auto pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
         bytes.kept += stage_bytes(config, width, height) +
                       Arena::padded<st_centroid>(static_cast<size_t>(most_centroids(config))) +
                       Arena::padded<st_rejected>(static_cast<size_t>(limits.rejected));
-        bytes.work = Arena::padded<std::byte>(work_bytes(width, height, limits)) +
-                     8 * Arena::padded<Place>(predictions) + Arena::padded<uint16_t>(pixels);
+        bytes.work = extraction_work_bytes(config, width, height);
     }
-    if (identifies != nullptr) {
-        const auto centroids = static_cast<size_t>(identifies->most_centroids);
-        bytes.kept +=
-            IdentificationStage::bytes(*identifies) + Arena::padded<st_identified>(centroids);
-        bytes.work = std::max(bytes.work, IdentificationStage::work_bytes(*identifies));
+    if (has(config, ST_IDENTIFIES)) {
+        const auto centroids = static_cast<size_t>(setup.identification.most_centroids);
+        bytes.kept += IdentificationStage::bytes(setup.identification) +
+                      Arena::padded<st_identified>(centroids);
+        bytes.work = std::max(bytes.work, IdentificationStage::work_bytes(setup.identification));
+    }
+    if (has(config, ST_TRACKS | ST_TRUSTS)) {
+        bytes.kept += Arena::padded<ApparentSky>(1) + apparent_sky_bytes(sky);
+    }
+    if (has(config, ST_TRACKS)) {
+        bytes.kept += Arena::padded<TrackingStage>(1) + tracking_bytes(config, sky, lens);
+        bytes.work = std::max(bytes.work, tracking_work_bytes(config, sky, lens));
+    }
+    if (has(config, ST_TRUSTS)) {
+        bytes.kept += Arena::padded<TrustStage>(1) +
+                      Arena::padded<double>(static_cast<size_t>(most_centroids(config)));
+        bytes.work = std::max(bytes.work, trust_work_bytes(most_centroids(config)));
     }
     return bytes;
 }
 
-/// The patterns that a tracker identifies stars by: those of the sky file, if it has the stage.
-struct SkySetup {
-    st_status status;
-    bool identifies;
-    IdentificationSetup setup;
-
-    const IdentificationSetup *get() const { return identifies ? &setup : nullptr; }
-};
-
-SkySetup sky_setup(const st_config &config, const st_camera &camera, const st_sky *sky,
-                   st_fault *fault) {
-    SkySetup made{ST_OK, (config.stages & ST_IDENTIFIES) != 0, {}};
-    if (!made.identifies) {
-        return made;
+/// Set what a tracker takes from a sky file; fault (may be null) names what is wrong.
+st_status set_up(const st_config &config, const st_camera &camera, const st_sky *sky, Setup &setup,
+                 st_fault *fault) {
+    setup = {};
+    if (!has(config, ST_IDENTIFIES | ST_TRACKS | ST_TRUSTS)) {
+        return ST_OK;
     }
     if (sky == nullptr || sky->file == nullptr) {
-        made.status = ST_NULL_POINTER;
-        return made;
+        return ST_NULL_POINTER;
     }
     if (reinterpret_cast<uintptr_t>(sky->file) % ALIGNMENT != 0) {
-        made.status = ST_MISALIGNED;
-        return made;
+        return ST_MISALIGNED;
     }
-    SkyFile file;
+    SkyFile &file = setup.sky_file;
     if (!open_sky(*sky, file, fault)) {
-        made.status = ST_BAD_SKY;
-        return made;
+        return ST_BAD_SKY;
     }
-    const double pixel_rad = 1 / std::sqrt(camera.fx_px * camera.fy_px);
-    const double least = file.pixel_rad / OTHER_PIXELS, most = file.pixel_rad * OTHER_PIXELS;
-    if (!(pixel_rad >= least && pixel_rad <= most)) {
-        if (fault != nullptr) {
-            *fault = {"pixel_rad", pixel_rad, least, most};
+    if (has(config, ST_IDENTIFIES)) {
+        const double pixel_rad = 1 / std::sqrt(camera.fx_px * camera.fy_px);
+        const double least = file.pixel_rad / OTHER_PIXELS, most = file.pixel_rad * OTHER_PIXELS;
+        if (!(pixel_rad >= least && pixel_rad <= most)) {
+            if (fault != nullptr) {
+                *fault = {"pixel_rad", pixel_rad, least, most};
+            }
+            return ST_BAD_SKY;
         }
-        made.status = ST_BAD_SKY;
-        return made;
+        setup.identification = setup_of(config, file, most_centroids(config));
     }
-    made.setup = setup_of(config, file, most_centroids(config));
-    return made;
+    return ST_OK;
 }
 
 /// Whether predictions are finite, stars first.
@@ -129,14 +134,6 @@ st_centroid in_camera(st_centroid star, double cell) {
     return star;
 }
 
-template <class T>
-const T *listed(const List<T> &list, size_t *count) {
-    if (count != nullptr) {
-        *count = static_cast<size_t>(list.count);
-    }
-    return list.item;
-}
-
 }  // namespace
 
 namespace st {
@@ -156,46 +153,66 @@ st_status check_tracker(const st_config *config, const st_camera *camera, st_fau
         }
         return ST_OUT_OF_RANGE;
     }
-    return (config->stages & ~(ST_EXTRACTS | ST_IDENTIFIES)) == 0 ? ST_OK : ST_NO_STAGE;
+    return ST_OK;
 }
 
-size_t tracker_bytes(const st_config &config, const st_camera &camera,
-                     const IdentificationSetup *identifies) {
-    const Bytes needed = bytes_of(config, camera.width_px, camera.height_px, identifies);
+size_t tracker_bytes(const st_config &config, const st_camera &camera, const Setup &setup) {
+    const Bytes needed = bytes_of(config, camera, setup);
     return needed.kept + needed.work;
 }
 
 st_status make_tracker(void *memory, size_t bytes, const st_config &config,
-                       const st_camera &camera, const IdentificationSetup *identifies,
-                       st_tracker **tracker) {
+                       const st_camera &camera, const Setup &setup, st_tracker **tracker) {
     if (reinterpret_cast<uintptr_t>(memory) % ALIGNMENT != 0) {
         return ST_MISALIGNED;
     }
-    const int width = camera.width_px, height = camera.height_px;
-    const Bytes needed = bytes_of(config, width, height, identifies);
+    const Bytes needed = bytes_of(config, camera, setup);
     if (bytes < needed.kept + needed.work) {
         return ST_TOO_LITTLE_MEMORY;
     }
+    const int width = camera.width_px, height = camera.height_px;
+    const Lens lens = lens_of(camera);
     Arena kept(memory, needed.kept);
     auto *made = new (kept.take<st_tracker>(1)) st_tracker{};
     made->config = config;
     made->width = width;
     made->height = height;
-    if (has_stage(*made, ST_EXTRACTS)) {
+    made->sky_file = setup.sky_file;
+    if (has(config, ST_EXTRACTS)) {
         made->extraction = ExtractionStage(config, width, height, kept);
         made->centroids = kept.list<st_centroid>(static_cast<size_t>(most_centroids(config)));
         made->rejected =
             kept.list<st_rejected>(static_cast<size_t>(limits_of(config, width, height).rejected));
     }
-    if (identifies != nullptr) {
+    if (has(config, ST_IDENTIFIES)) {
         made->identification =
-            IdentificationStage(config.identification, camera, *identifies, kept);
+            IdentificationStage(config.identification, camera, setup.identification, kept);
         made->identified =
-            kept.list<st_identified>(static_cast<size_t>(identifies->most_centroids));
+            kept.list<st_identified>(static_cast<size_t>(setup.identification.most_centroids));
+    }
+    if (has(config, ST_TRACKS | ST_TRUSTS)) {
+        made->sky = new (kept.take<ApparentSky>(1)) ApparentSky{};
+        start_sky(made->sky_file, epoch_after(made->sky_file.epoch_year, config.epoch_year), kept,
+                  *made->sky);
+    }
+    if (has(config, ST_TRACKS)) {
+        made->tracking =
+            new (kept.take<TrackingStage>(1)) TrackingStage(config, lens, *made->sky, kept);
+    }
+    if (has(config, ST_TRUSTS)) {
+        made->trust = new (kept.take<TrustStage>(1))
+            TrustStage(config, lens, *made->sky, most_centroids(config), kept);
     }
     made->work = Arena(static_cast<std::byte *>(memory) + needed.kept, needed.work);
     *tracker = made;
     return ST_OK;
+}
+
+int most_centroids(const st_config &config) {
+    const st_extraction_options &options = config.extraction;
+    return config.capacities.centroids > 0
+               ? config.capacities.centroids
+               : std::max(options.max_stars, options.max_stars_lost) + options.max_stars;
 }
 
 int most_predictions(const st_config &config) {
@@ -276,15 +293,15 @@ st_status st_size(const st_config *config, const st_camera *camera, const st_sky
     if (bytes == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check_tracker(config, camera, nullptr);
-    if (status != ST_OK) {
-        return status;
+    Setup setup;
+    st_status status = check_tracker(config, camera, nullptr);
+    if (status == ST_OK) {
+        status = set_up(*config, *camera, sky, setup, nullptr);
     }
-    const SkySetup setup = sky_setup(*config, *camera, sky, nullptr);
-    if (setup.status == ST_OK) {
-        *bytes = tracker_bytes(*config, *camera, setup.get());
+    if (status == ST_OK) {
+        *bytes = tracker_bytes(*config, *camera, setup);
     }
-    return setup.status;
+    return status;
 }
 
 st_status st_create(void *memory, size_t bytes, const st_config *config, const st_camera *camera,
@@ -292,14 +309,13 @@ st_status st_create(void *memory, size_t bytes, const st_config *config, const s
     if (memory == nullptr || tracker == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check_tracker(config, camera, fault);
-    if (status != ST_OK) {
-        return status;
+    Setup setup;
+    st_status status = check_tracker(config, camera, fault);
+    if (status == ST_OK) {
+        status = set_up(*config, *camera, sky, setup, fault);
     }
-    const SkySetup setup = sky_setup(*config, *camera, sky, fault);
-    return setup.status == ST_OK
-               ? make_tracker(memory, bytes, *config, *camera, setup.get(), tracker)
-               : setup.status;
+    return status == ST_OK ? make_tracker(memory, bytes, *config, *camera, setup, tracker)
+                           : status;
 }
 
 st_status st_reset(st_tracker *tracker) {
@@ -311,6 +327,13 @@ st_status st_reset(st_tracker *tracker) {
     tracker->centroids.clear();
     tracker->rejected.clear();
     tracker->identified.clear();
+    tracker->was_identified = false;
+    if (tracker->tracking != nullptr) {
+        tracker->tracking->reset();
+    }
+    if (tracker->trust != nullptr) {
+        tracker->trust->validator.reset();
+    }
     return ST_OK;
 }
 
@@ -326,7 +349,15 @@ st_status st_change_options(st_tracker *tracker, const st_config *config, st_fau
         return ST_READ_ONLY;
     }
     tracker->config = *config;
-    tracker->extraction.set_options(config->extraction);
+    if (has_stage(*tracker, ST_EXTRACTS)) {
+        tracker->extraction.set_options(config->extraction);
+    }
+    if (tracker->tracking != nullptr) {
+        tracker->tracking->filter.set_limits(config->tracking);
+    }
+    if (tracker->trust != nullptr) {
+        tracker->trust->validator.set_limits(config->trust);
+    }
     return ST_OK;
 }
 

@@ -7,14 +7,22 @@
 
 #include "centroid/extraction_stage.h"
 #include "identify/identification_stage.h"
+#include "integrity/trust_stage.h"
 #include "maths/arena.h"
 #include "startracker.h"
+#include "track/tracking_stage.h"
 
 struct st_tracker {
     st_config config;
     int width, height;
+    st::SkyFile sky_file;
+    st::ApparentSky *sky;  // null for a tracker that neither tracks nor trusts
     st::ExtractionStage extraction;
     st::IdentificationStage identification;
+    st::TrackingStage *tracking;  // null without the stage, as
+    st::TrustStage *trust;        // this
+    bool was_identified;
+    int64_t identified_ns;
     st::List<st_centroid> centroids;
     st::List<st_rejected> rejected;
     st::List<st_identified> identified;
@@ -22,6 +30,15 @@ struct st_tracker {
 };
 
 namespace st {
+
+/// Return the items of a list and their number, where it is asked for.
+template <class T>
+const T *listed(const List<T> &list, size_t *count) {
+    if (count != nullptr) {
+        *count = static_cast<size_t>(list.count);
+    }
+    return list.item;
+}
 
 /// Most predictions that a tracker of these options takes.
 int most_predictions(const st_config &config);
@@ -31,14 +48,19 @@ inline bool has_stage(const st_tracker &tracker, int32_t stage) {
     return (tracker.config.stages & stage) != 0;
 }
 
-/// Bytes of a tracker of checked options and camera; identifies is null without that stage.
-size_t tracker_bytes(const st_config &config, const st_camera &camera,
-                     const IdentificationSetup *identifies);
+/// What a tracker is made of beside its options: the sky file where it tracks or trusts, and what it
+/// identifies stars by where it does.
+struct Setup {
+    SkyFile sky_file;
+    IdentificationSetup identification;
+};
+
+/// Bytes of a tracker of checked options and camera.
+size_t tracker_bytes(const st_config &config, const st_camera &camera, const Setup &setup);
 
 /// Make one, as st_create().
 st_status make_tracker(void *memory, size_t bytes, const st_config &config,
-                       const st_camera &camera, const IdentificationSetup *identifies,
-                       st_tracker **tracker);
+                       const st_camera &camera, const Setup &setup, st_tracker **tracker);
 
 /// Whether a tracker of these options and camera is possible.
 st_status check_tracker(const st_config *config, const st_camera *camera, st_fault *fault);

@@ -57,7 +57,7 @@ int32_t stt_lens_mismatch(const st_tracker *tracker, const double *seen, const i
     const Verifier &verifier = tracker->identification.verifier();
     auto *places = const_cast<Point *>(reinterpret_cast<const Point *>(seen));
     const ImageStars stars{count, nullptr, nullptr, places, nullptr, sigma};
-    const Association found{const_cast<int32_t *>(star), const_cast<double *>(residual), 1.0,
+    const StarMatch found{const_cast<int32_t *>(star), const_cast<double *>(residual), 1.0,
                             identity<3>()};
     return lens_mismatch(verifier.sky, verifier.equidistant, stars, found, radius, sigma, m, p);
 }
@@ -118,7 +118,7 @@ int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t 
 }
 
 int32_t stt_stars_in_image(const st_tracker *tracker, const double matrix[9]) {
-    const Association found{nullptr, nullptr, 1.0, matrix_of(matrix)};
+    const StarMatch found{nullptr, nullptr, 1.0, matrix_of(matrix)};
     return count_in_image(tracker->identification.verifier(), found);
 }
 

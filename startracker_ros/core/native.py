@@ -19,8 +19,8 @@ LIBRARY = Path(__file__).with_name('libstartracker.so')
 VERSION = 2
 """ST_VERSION of the header that the types below are of."""
 
-_FIGURES, _BODIES, _REJECTIONS = 6, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
-
+_FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
+_LIMITS = 6  # ST_MOST_LIMITS
 
 REMEDY = 'install the package again; in a checkout, python native/build.py'
 
@@ -73,7 +73,8 @@ TRACKING_OPTIONS = _struct(
     **_numbers('magnitude_limit acceleration_deg_s2 roll_acceleration_deg_s2 sigma_floor_px '
                'detection_probability gate_probability magnitude_tolerance max_residual_px '
                'max_rate_deg_s max_gap_s'),
-    **_numbers('max_stars min_stars max_missed confirm_frames max_bad_frames reserved', 'i4'))
+    **_numbers('max_stars min_stars max_missed confirm_frames max_bad_frames model solver '
+               'association sna_confirmation roll_by_gyro', 'i4'))
 GYRO_OPTIONS = _struct(**_numbers(
     'gyro_drift_deg_h gyro_noise_deg_sqrt_h gyro_range_deg_s gyro_rate_change_deg_s2'))
 TRUST_OPTIONS = _struct(
@@ -120,10 +121,10 @@ TRACKING = _struct(
     attitude=ATTITUDE, frame_attitude=ATTITUDE, **_numbers('residual_px stamp_sigma_s'),
     **_numbers('state gyro tracks tracks_left_out predictions stars_matched frames_since_fix '
                'late_frames rejected_centroids checks_passed', 'i4'),
-    reason=REASON, contradiction=REASON, gyro_trouble=REASON)
+    budget=BUDGET, frame_budget=BUDGET, reason=REASON, contradiction=REASON, gyro_trouble=REASON)
 TRUSTED = _struct(attitude=ATTITUDE, reason=REASON)
 RESULT = _struct(
-    attitude=ATTITUDE, budget=BUDGET, reason=REASON, extraction=EXTRACTION,
+    attitude=ATTITUDE, reason=REASON, extraction=EXTRACTION,
     identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
     **_numbers('aberration reserved', 'i4'))
 
@@ -139,6 +140,11 @@ PATTERNS = _struct(
                'bases_by_brightness lens_unknown reserved', 'i4'))
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
+
+LIMIT = _struct(name='u8', value='f8')
+CHECK = _struct(
+    name='u8', **_numbers('probability threshold'), **_numbers('dof frames reason limits', 'i4'),
+    limit=(LIMIT, _LIMITS))
 
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
@@ -188,12 +194,26 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_verify': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, *(_POINTER,) * 4)),
     'st_verify_quads': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, _NUMBER, _POINTER,
                                   _POINTER)),
+    'st_add_rate': (_STATUS, (_POINTER, _STAMP, _POINTER)),
+    'st_add_observer': (_STATUS, (_POINTER, _STAMP, _POINTER)),
+    'st_add_hint': (_STATUS, (_POINTER, _POINTER)),
+    'st_attitude_at': (_STATUS, (_POINTER, _STAMP, _POINTER)),
+    'st_identification_is_due': (_FLAG, (_POINTER, _STAMP, ctypes.c_int, _FLAG)),
+    'st_track': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
+    'st_prepare': (_STATUS, (_POINTER,)),
+    'st_add_identification': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
+    'st_tracks': (_POINTER, (_POINTER, _POINTER)),
+    'st_predictions': (_POINTER, (_POINTER, _POINTER)),
+    'st_trust': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
+    'st_trust_stars': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
+    'st_residuals': (_POINTER, (_POINTER, _POINTER)),
     'st_searched_size': (_STATUS, (_POINTER, _POINTER)),
     'st_search': (_STATUS, (_POINTER,) * 8),
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
-    'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER))}
+    'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
+    'st_checks': (_POINTER, (_POINTER,))}
 """What each function returns and takes."""
 
 
@@ -250,3 +270,17 @@ def check_sky(path: Path) -> None:
         check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
     except NativeError as error:
         raise NativeError(f'{path}: {error}') from error
+
+
+@cache
+def checks() -> dict[str, np.ndarray]:
+    """Return all checks of integrity by name, each a CHECK."""
+    count = ctypes.c_size_t()
+    table = library().st_checks(ctypes.byref(count))
+    found = np.frombuffer(ctypes.string_at(table, CHECK.itemsize * count.value), CHECK)
+    return {text_at(one['name']): one for one in found}
+
+
+def text_at(address: np.integer) -> str:
+    """Return the text of the library at an address."""
+    return ctypes.string_at(int(address)).decode()

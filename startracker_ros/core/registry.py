@@ -5,8 +5,9 @@
 Identification methods and motion models by name; each is registered in one place.
 
 The core registers its own here. Those of papers register themselves in core/papers/__init__.py,
-of which only the last line of this file knows. A registration names the class without importing
-it, so that tables of options have the names at no cost.
+of which only the last line of this file knows. A registration of a method names the class without
+importing it, so that tables of options have the names at no cost. Models are those of the native
+core: no other one can be registered.
 """
 
 from dataclasses import dataclass
@@ -34,9 +35,9 @@ class Method(Registration):
 
 
 @dataclass(frozen=True)
-class Model(Registration):
+class Model:
     """
-    A model of the motion of stars, a class of StarModel.
+    A model of the motion of stars, of the native core.
 
     options are those of TrackerOptions that have an effect only in models that name them; ignored
     are those that have none in this model.
@@ -49,7 +50,7 @@ class Model(Registration):
 METHODS = {'pyramid': Method('startracker_ros.core.identify.pyramid:PyramidIdentifier')}
 """The methods of `method`, in the order of its choices."""
 
-MODELS = {'attitude': Model('startracker_ros.core.track.attitude_model:AttitudeModel')}
-"""The motion models of `model`, in the order of its choices."""
+MODELS = {'attitude': Model()}
+"""The motion models of `model`, in the order of its choices, which is that of st_motion_model."""
 
 import_module('startracker_ros.core.papers')

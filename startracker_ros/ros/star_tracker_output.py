@@ -93,7 +93,7 @@ class TrackerStateOutput:
 
     def _forecast(self, tracker: TrackFilter, stamp_ns: int) -> dict[str, object]:
         """Return the values of the blinding to come, none where the attitude is unknown."""
-        tracked, hint = tracker.attitude, tracker.hints.newest
+        tracked, hint = tracker.attitude, tracker.newest_hint
         if tracked is not None:
             self._known = stamp_ns, tracked.attitude.quaternion, tracked.rate_rad_s
         elif hint is not None and (self._known is None or hint.stamp_ns > self._known[0]):

@@ -114,7 +114,6 @@ def hint_runs(runs: int, seed: int) -> np.ndarray:
     rng, epoch_ns = np.random.default_rng(seed), stamp_from_epoch_year(_EPOCH_YEAR)
     sky = onboard_catalog(load_catalog(), _CAMERA, _EPOCH_YEAR, _FAINTEST)
     stage = IdentificationStage(_CAMERA, _EPOCH_YEAR)
-    TrackFilter(_CAMERA, sky).warm_up()
     rows = []
     for start in range(_STARTS * runs):
         q, tracker = random_attitude(rng), TrackFilter(_CAMERA, sky)

@@ -27,7 +27,7 @@ double distance(bool equidistant, const Matrix3 &R, const double *direction, con
 /// Associate each image star with the nearest catalogue star. One to one: of several image stars
 /// at one star the nearest is associated.
 void associate(const Patterns &sky, bool equidistant, const ImageStars &stars, double radius,
-               Association &found) {
+               StarMatch &found) {
     for (int i = 0; i < stars.count; ++i) {
         found.star[i] = -1;
         found.residual[i] = NAN;
@@ -62,7 +62,7 @@ void associate(const Patterns &sky, bool equidistant, const ImageStars &stars, d
 
 /// Put the directions of the associated stars, seen with the fitted focal length, into a list.
 void collect(const Patterns &sky, bool equidistant, const ImageStars &stars,
-             const Association &found, Directions &matched) {
+             const StarMatch &found, Directions &matched) {
     matched.count = 0;
     for (int i = 0; i < stars.count; ++i) {
         if (found.star[i] < 0) {
@@ -121,7 +121,7 @@ double focal_ratio(bool equidistant, const Matrix3 &R, const Directions &matched
 }
 
 /// Return sqrt(sum |p_i - p|^2) of the associated image stars p_i, p their mean.
-double scatter(const ImageStars &stars, const Association &found) {
+double scatter(const ImageStars &stars, const StarMatch &found) {
     int count = 0;
     double x = 0.0, y = 0.0, xx = 0.0, yy = 0.0;
     for (int i = 0; i < stars.count; ++i) {
@@ -138,7 +138,7 @@ double scatter(const ImageStars &stars, const Association &found) {
 }
 
 /// Set the residuals of an association again; return the largest.
-double update(const Patterns &sky, bool equidistant, const ImageStars &stars, Association &found) {
+double update(const Patterns &sky, bool equidistant, const ImageStars &stars, StarMatch &found) {
     double largest = 0.0;
     for (int i = 0; i < stars.count; ++i) {
         if (found.star[i] >= 0) {
@@ -159,12 +159,12 @@ Directions directions(int most, Arena &work) {
 
 }  // namespace
 
-Association association(int most, Arena &arena) {
+StarMatch star_match(int most, Arena &arena) {
     const auto room = static_cast<size_t>(most);
     return {arena.take<int32_t>(room), arena.take<double>(room), 1.0, identity<3>()};
 }
 
-void copy(const Association &from, int count, Association &to) {
+void copy(const StarMatch &from, int count, StarMatch &to) {
     const auto items = static_cast<size_t>(count);
     std::memcpy(to.star, from.star, items * sizeof(int32_t));
     std::memcpy(to.residual, from.residual, items * sizeof(double));
@@ -172,7 +172,7 @@ void copy(const Association &from, int count, Association &to) {
     to.R = from.R;
 }
 
-int count_matched(const Association &found, int count) {
+int count_matched(const StarMatch &found, int count) {
     int matched = 0;
     for (int i = 0; i < count; ++i) {
         matched += found.star[i] >= 0;
@@ -181,7 +181,7 @@ int count_matched(const Association &found, int count) {
 }
 
 bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const int32_t *base,
-           const int32_t *star, int based, double radius, double scale_error, Association &found,
+           const int32_t *star, int based, double radius, double scale_error, StarMatch &found,
            Arena &work) {
     const Arena::Scope scope(work);
     const auto room = static_cast<size_t>(stars.count);
@@ -234,7 +234,7 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
 }
 
 AttitudeFit fit_attitude(const Patterns &sky, bool equidistant, const ImageStars &stars,
-                         const Association &found, double *angle_rad, Arena &work) {
+                         const StarMatch &found, double *angle_rad, Arena &work) {
     const Arena::Scope scope(work);
     Directions matched = directions(stars.count, work);
     collect(sky, equidistant, stars, found, matched);

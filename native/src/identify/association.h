@@ -10,14 +10,14 @@
 
 #include <cstdint>
 
-#include "identify/best_fit.h"
+#include "attitude/triad.h"
 #include "identify/image_stars.h"
 #include "identify/patterns.h"
 
 namespace st {
 
 /// Which catalogue star each image star is, and what fits them.
-struct Association {
+struct StarMatch {
     int32_t *star;       // of each image star, -1 for none
     double *residual;    // distance in undistorted coordinates, NaN for none
     double focal_ratio;  // fitted focal length over that of the camera
@@ -25,19 +25,19 @@ struct Association {
 };
 
 /// Return room for the association of so many image stars.
-Association association(int most, Arena &arena);
+StarMatch star_match(int most, Arena &arena);
 
 /// Copy what belongs to count image stars.
-void copy(const Association &from, int count, Association &to);
+void copy(const StarMatch &from, int count, StarMatch &to);
 
 /// Return how many image stars have a catalogue star.
-int count_matched(const Association &found, int count);
+int count_matched(const StarMatch &found, int count);
 
 /// Associate all image stars when those of base are the catalogue stars star, both of some length.
 /// Return whether four stars or more agree, within a radius in undistorted coordinates, with an
 /// attitude and a scale within scale_error.
 bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const int32_t *base,
-           const int32_t *star, int based, double radius, double scale_error, Association &found,
+           const int32_t *star, int based, double radius, double scale_error, StarMatch &found,
            Arena &work);
 
 /// The attitude of an association, its covariance in rad^2 about sensor axes, and chi2.
@@ -50,7 +50,7 @@ struct AttitudeFit {
 /// Return the best fit to an association; angle_rad of each image star is that to its catalogue
 /// star, NaN for none. Infinite covariance of fewer than two stars.
 AttitudeFit fit_attitude(const Patterns &sky, bool equidistant, const ImageStars &stars,
-                         const Association &found, double *angle_rad, Arena &work);
+                         const StarMatch &found, double *angle_rad, Arena &work);
 
 /// Return where a star is in undistorted coordinates.
 inline Point seen_at(bool equidistant, const Matrix3 &R, const double *direction) {
@@ -59,7 +59,7 @@ inline Point seen_at(bool equidistant, const Matrix3 &R, const double *direction
 }
 
 /// Return the direction in ICRF of undistorted coordinates, of the nominal focal length.
-inline Vector3 icrf_direction(bool equidistant, const Association &found, const Point &seen) {
+inline Vector3 icrf_direction(bool equidistant, const StarMatch &found, const Point &seen) {
     return found.R * ray(equidistant, {seen.x / found.focal_ratio, seen.y / found.focal_ratio});
 }
 

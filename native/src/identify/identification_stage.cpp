@@ -138,7 +138,7 @@ void IdentificationStage::publish(st_identification &result, List<st_identified>
                                   Arena &work) const {
     const Arena::Scope scope(work);
     const ImageStars &stars = const_cast<IdentificationStage *>(this)->search_.stars();
-    const Association &found = search_.best().found;
+    const StarMatch &found = search_.best().found;
     auto *angle_rad = work.take<double>(static_cast<size_t>(stars.count));
     const double pixels = std::sqrt(lens_.fx * lens_.fy);
     const AttitudeFit best =

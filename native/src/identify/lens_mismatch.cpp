@@ -26,7 +26,7 @@ struct NearMisses {
 };
 
 NearMisses near_misses(const Patterns &sky, bool equidistant, const ImageStars &stars,
-                       const Association &found, double radius) {
+                       const StarMatch &found, double radius) {
     NearMisses misses{0, 0};
     for (int i = 0; i < stars.count; ++i) {
         if (found.star[i] >= 0) {
@@ -47,7 +47,7 @@ NearMisses near_misses(const Patterns &sky, bool equidistant, const ImageStars &
 }  // namespace
 
 bool lens_mismatch(const Patterns &sky, bool equidistant, const ImageStars &stars,
-                   const Association &found, double radius, double sigma, int m, double p) {
+                   const StarMatch &found, double radius, double sigma, int m, double p) {
     const auto [n, k] = near_misses(sky, equidistant, stars, found, radius);
     const double p_miss = std::fmin(p * (NEAR_MISS_RADII * NEAR_MISS_RADII - 1), 1.0);
     if (binomial_tail(k, n, p_miss) >= NEAR_MISS_PROBABILITY) {

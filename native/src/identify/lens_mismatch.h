@@ -33,6 +33,6 @@ namespace st {
 /// Whether the near misses of a field are due to its lens; m counts the matches that are evidence,
 /// p is the probability that a star falls within the radius of a catalogue star by chance.
 bool lens_mismatch(const Patterns &sky, bool equidistant, const ImageStars &stars,
-                   const Association &found, double radius, double sigma, int m, double p);
+                   const StarMatch &found, double radius, double sigma, int m, double p);
 
 }  // namespace st

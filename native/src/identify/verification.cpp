@@ -78,7 +78,7 @@ void count_fields(Verifier &verifier) {
     std::sort(verifier.counts, verifier.counts + FIELD_SAMPLES);
 }
 
-int count_in_image(const Verifier &verifier, const Association &found) {
+int count_in_image(const Verifier &verifier, const StarMatch &found) {
     const Field &field = verifier.field;
     const Matrix3 &R = found.R;
     const double low_a = field.low_a / found.focal_ratio,
@@ -95,7 +95,7 @@ int count_in_image(const Verifier &verifier, const Association &found) {
 }
 
 Verification verification(int most, Arena &arena) {
-    return {1.0, association(most, arena)};
+    return {1.0, star_match(most, arena)};
 }
 
 void copy(const Verification &from, int count, Verification &to) {
@@ -106,7 +106,7 @@ void copy(const Verification &from, int count, Verification &to) {
 void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *base,
             const int32_t *star, int based, double tested, Verification &result, Arena &work) {
     const Arena::Scope scope(work);
-    Association &found = result.found;
+    StarMatch &found = result.found;
     const double sigma = stars.median_sigma, r = verifier.tolerance_sigmas * sigma;
     const double area = verifier.field.area;
     result.false_alarm = 1.0;
@@ -138,7 +138,7 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
     }
 }
 
-bool same_attitude(const Association &a, const Association &b, int count) {
+bool same_attitude(const StarMatch &a, const StarMatch &b, int count) {
     int shared = 0;
     for (int i = 0; i < count; ++i) {
         shared += a.star[i] >= 0 && a.star[i] == b.star[i];

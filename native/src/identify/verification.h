@@ -47,12 +47,12 @@ struct Verifier {
 void count_fields(Verifier &verifier);
 
 /// Return how many stars are in the field about an attitude.
-int count_in_image(const Verifier &verifier, const Association &found);
+int count_in_image(const Verifier &verifier, const StarMatch &found);
 
 /// The result: 1 is a rejected candidate.
 struct Verification {
     double false_alarm;
-    Association found;
+    StarMatch found;
 };
 
 /// Return room for the verification of so many image stars.
@@ -67,7 +67,7 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
             const int32_t *star, int based, double tested, Verification &result, Arena &work);
 
 /// Whether two matches of count image stars share two stars, which excludes two attitudes.
-bool same_attitude(const Association &a, const Association &b, int count);
+bool same_attitude(const StarMatch &a, const StarMatch &b, int count);
 
 /// Bytes of work memory that verify() and fit_attitude() take for so many image stars.
 size_t verification_bytes(int most);

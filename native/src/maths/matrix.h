@@ -122,4 +122,107 @@ inline Vector3 cross(const Vector3 &a, const Vector3 &b) {
     return {{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}};
 }
 
+/// Return the block of a larger matrix with this first row and column.
+template <int R, int C, int M, int N>
+Matrix<R, C> block(const Matrix<M, N> &A, int row, int column) {
+    Matrix<R, C> B;
+    for (int i = 0; i < R; ++i) {
+        for (int j = 0; j < C; ++j) {
+            B[i][j] = A[row + i][column + j];
+        }
+    }
+    return B;
+}
+
+/// Replace that block by B.
+template <int R, int C, int M, int N>
+void set_block(Matrix<M, N> &A, int row, int column, const Matrix<R, C> &B) {
+    for (int i = 0; i < R; ++i) {
+        for (int j = 0; j < C; ++j) {
+            A[row + i][column + j] = B[i][j];
+        }
+    }
+}
+
+/// Return the first elements of a longer vector.
+template <int R, int N>
+Vector<R> first(const Vector<N> &v) {
+    static_assert(R <= N);
+    Vector<R> part;
+    for (int i = 0; i < R; ++i) {
+        part[i] = v[i];
+    }
+    return part;
+}
+
+template <int N>
+Vector<N> operator+(const Vector<N> &a, const Vector<N> &b) {
+    Vector<N> sum;
+    for (int i = 0; i < N; ++i) {
+        sum[i] = a[i] + b[i];
+    }
+    return sum;
+}
+
+template <int N>
+Vector<N> operator-(const Vector<N> &a, const Vector<N> &b) {
+    Vector<N> difference;
+    for (int i = 0; i < N; ++i) {
+        difference[i] = a[i] - b[i];
+    }
+    return difference;
+}
+
+/// Return A^-1 B and the determinant of A, by Gauss and Jordan with pivots (Golub and Van Loan, Matrix
+/// Computations, 3.4); not finite if A is singular.
+template <int N, int C>
+Matrix<N, C> solved_by_pivots(Matrix<N, N> A, Matrix<N, C> B, double &determinant) {
+    determinant = 1.0;
+    for (int column = 0; column < N; ++column) {
+        int pivot = column;
+        for (int row = column + 1; row < N; ++row) {
+            pivot = std::fabs(A[row][column]) > std::fabs(A[pivot][column]) ? row : pivot;
+        }
+        if (pivot != column) {
+            determinant = -determinant;
+            for (int k = 0; k < N; ++k) {
+                const double a = A[column][k];
+                A[column][k] = A[pivot][k];
+                A[pivot][k] = a;
+            }
+            for (int k = 0; k < C; ++k) {
+                const double b = B[column][k];
+                B[column][k] = B[pivot][k];
+                B[pivot][k] = b;
+            }
+        }
+        determinant *= A[column][column];
+        const double scale = 1 / A[column][column];
+        for (int k = 0; k < N; ++k) {
+            A[column][k] *= scale;
+        }
+        for (int k = 0; k < C; ++k) {
+            B[column][k] *= scale;
+        }
+        for (int row = 0; row < N; ++row) {
+            const double factor = A[row][column];
+            if (row != column && factor != 0) {
+                for (int k = 0; k < N; ++k) {
+                    A[row][k] -= factor * A[column][k];
+                }
+                for (int k = 0; k < C; ++k) {
+                    B[row][k] -= factor * B[column][k];
+                }
+            }
+        }
+    }
+    return B;
+}
+
+/// Return A^-1 and the determinant of A.
+template <int N>
+Matrix<N, N> inverse_and_determinant(const Matrix<N, N> &A, double &determinant) {
+    return solved_by_pivots(A, identity<N>(), determinant);
+}
+
 }  // namespace st

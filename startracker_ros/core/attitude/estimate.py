@@ -6,7 +6,8 @@
 import numpy as np
 from startracker_ros.core.attitude import solution
 from startracker_ros.core.attitude.refinement import inverse_information
-from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf, SOLVERS
+from startracker_ros.core.attitude.result import (
+    AttitudeEstimate, covariance_icrf, failure, FIRST_FAILURE, SOLVERS)
 
 _SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
            'triad': solution.TRIAD}
@@ -43,15 +44,8 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
         _SOLVER[solver], sensor, icrf, sigma_rad)
     if status != solution.SOLVED:
-        raise AttitudeError({
-            solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
-            solution.SIGMA: f'sigma of {sigma_rad.min():g} rad must be positive',
-            solution.ZERO_LENGTH: 'a direction of length zero',
-            solution.SAME_STAR: f'directions {star} and {twin} are identical: one star counted '
-                                'twice',
-            solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
-                               'star decides alone: the rotation about them is not observable',
-        }[status])
+        raise AttitudeError(failure(FIRST_FAILURE + status, (
+            sigma_rad.min(),) if status == solution.SIGMA else (star, twin)))
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 
 

@@ -3,6 +3,7 @@
 
 """An attitude with its statistics. Free of compiled code, which is slow to import."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,8 +14,25 @@ from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quat
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
 
+FIRST_FAILURE = 605
+"""Code of a failure without the status of solution.py."""
+
+FAILURES = {
+    606: 'NaN or infinity among the directions or their sigma',
+    607: 'sigma of {:g} rad must be positive',
+    608: 'a direction of length zero',
+    609: 'directions {:.0f} and {:.0f} are identical: one star counted twice',
+    610: 'the directions are parallel, or weighted so unevenly that one star decides alone: the '
+         'rotation about them is not observable'}
+"""Reasons of the native core for no attitude, by st_reason_code."""
+
 WRONG_SIGMAS = 5.0
 """An attitude is wrong when its error exceeds so many of its own sigma on any axis."""
+
+
+def failure(code: int, figures: Sequence[float]) -> str:
+    """Return why no attitude follows, of an st_reason_code of FAILURES with its figures."""
+    return FAILURES[code].format(*figures)
 
 
 @dataclass(frozen=True)

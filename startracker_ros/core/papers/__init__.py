@@ -12,10 +12,9 @@ METHODS['extended_grid'] = Method(
     f'{__name__}.extended_grid:ExtendedGridIdentifier', in_a_plane=True)
 
 _FILTER_OF_EACH_STAR = Model(
-    f'{__name__}.independent_stars:IndependentStarsModel',
     options=('solver', 'association', 'sna_confirmation', 'roll_by_gyro'))
 MODELS['constant_velocity'] = MODELS['coordinated_turn'] = _FILTER_OF_EACH_STAR
 MODELS['sna'] = Model(
-    f'{__name__}.independent_stars:NeighbourhoodModel', options=('solver',),
+    options=('solver',),
     ignored=('acceleration_deg_s2', 'roll_acceleration_deg_s2', 'detection_probability',
              'gate_probability'))

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which catalogue stars an attitude puts into the image, and where: compiled."""
+"""Which centroids are no star of the catalogue, by an attitude: compiled."""
 
 import math
 
@@ -34,21 +34,9 @@ class StarsInView:
     def __init__(self, camera: Camera, onboard: OnboardCatalog) -> None:
         self.camera, self.lens = camera, camera.lens
         self.onboard = onboard
-        self._version: object = None
         self._centre = np.zeros(3)
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
-
-    def of(self, sky: ApparentCatalog, attitude: AttitudeEstimate
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """
-        Return catalogue indices (M,), brightest first, directions (M, 3) and pixels (M, 2).
-
-        Directions are on sensor axes. The stars are those of the cone around the image.
-        """
-        matrix = self._around(attitude)
-        return _in_view(self._near, self._all_directions(sky), matrix, self._cos_radius,
-                        self.lens)
 
     def unexplained(self, sky: ApparentCatalog, attitude: AttitudeEstimate, uv: np.ndarray,
                     sigma_px: np.ndarray, reach_px: float, reach_sigmas: float) -> np.ndarray:
@@ -69,34 +57,13 @@ class StarsInView:
             left = _unexplained(sky.direction(near), *arguments, left)
         return left
 
-    def beside(self, sky: ApparentCatalog, attitude: AttitudeEstimate, uv: np.ndarray,
-               reach_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what of() does, of at least the stars within reach_px of pixels uv (N, 2)."""
-        matrix = self._around(attitude)
-        return _in_view_beside(
-            self._near, self._natural, self._all_directions(sky), matrix, self._cos_radius,
-            self.lens, np.ascontiguousarray(uv), self._cos_reach(reach_px))
-
-    def bright(self, sky: ApparentCatalog, attitude: AttitudeEstimate, faintest: float
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """
-        Return catalogue indices (M,) up to a magnitude, in and near the image, brightest first.
-
-        With their directions (M, 3) on ICRF axes, and the matrix (3, 3) of the attitude.
-        """
-        matrix = self._around(attitude)
-        count = self._magnitude.searchsorted(faintest, side='right')
-        return self._near[:count], self._all_directions(sky)[:count], matrix
-
     def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
         """Find the stars in and near the image; return the matrix (3, 3) of the attitude."""
         matrix, cos_moved = _turned(attitude.quaternion, self._centre)
         if not cos_moved > self._cos_ahead:
             self._centre = boresight = matrix[:, 2].copy()
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
-            self._magnitude = self.onboard.magnitude[self._near]
             self._natural = self.onboard.direction[self._near]
-            self._version = None
         return matrix
 
     def _around_spots(self, matrix: np.ndarray, uv: np.ndarray, reach_px: float) -> np.ndarray:
@@ -108,12 +75,6 @@ class StarsInView:
         """Return the cosine of the angle within which stars may be seen within reach_px."""
         reach_rad = APPARENT_RAD + 2 * reach_px * self.camera.pixel_rad
         return math.cos(min(reach_rad, math.pi))
-
-    def _all_directions(self, sky: ApparentCatalog) -> np.ndarray:
-        """Return the apparent directions (N, 3) of the stars in and near the image."""
-        if self._version is not sky.version:
-            self._version, self._direction = sky.version, sky.direction(self._near)
-        return self._direction
 
 
 @compiled
@@ -127,7 +88,7 @@ def _turned(quaternion: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, flo
 @compiled
 def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_radius: float,
              lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the stars near (N,), of direction (N, 3), in the cone, as StarsInView.of does."""
+    """Return the stars near (N,), of direction (N, 3), in the cone, with pixels."""
     count = 0
     index = np.empty(len(near), np.int64)
     sensor = np.empty((len(near), 3))
@@ -160,15 +121,6 @@ def _beside(direction: np.ndarray, matrix: np.ndarray, lens: Lens, uv: np.ndarra
             if direction[k, 0] * X + direction[k, 1] * Y + direction[k, 2] * Z >= cos_reach:
                 near[k] = True
     return np.flatnonzero(near)
-
-
-@compiled
-def _in_view_beside(near: np.ndarray, natural: np.ndarray, direction: np.ndarray,
-                    matrix: np.ndarray, cos_radius: float, lens: Lens, uv: np.ndarray,
-                    cos_reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what _in_view() does, of the stars that have one of pixels uv (N, 2) near."""
-    beside = _beside(natural, matrix, lens, uv, cos_reach)
-    return _in_view(near[beside], direction[beside], matrix, cos_radius, lens)
 
 
 @compiled

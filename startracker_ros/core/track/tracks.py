@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.attitude.result import AttitudeEstimate
+
+
+_COVARIANCE = (4, 5, 5, 6)  # columns of a STAR_TRACK
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,32 @@ class Tracks:
             age=np.empty(0, np.uint16), missed=np.empty(0, np.uint8),
             association_probability=none, velocity=np.empty((0, 2)),
             covariance=np.empty((0, 2, 2)))
+
+    @classmethod
+    def of(cls, table: np.ndarray) -> 'Tracks':
+        """Return the tracks of a table (N,) of STAR_TRACK, which they are views of."""
+        columns = table.view(float).reshape(len(table), table.itemsize // 8)
+        return cls(
+            hip=table['hip'], magnitude=columns[:, 7], uv=columns[:, :2], flux=columns[:, 8],
+            snr=columns[:, 9], sigma_px=columns[:, 10], residual_px=columns[:, 11],
+            track_id=table['track_id'], age=table['age'].astype(np.uint16),
+            missed=table['missed'].astype(np.uint8), association_probability=columns[:, 13],
+            velocity=columns[:, 2:4], covariance=columns[:, _COVARIANCE].reshape(-1, 2, 2))
+
+    def table(self) -> np.ndarray:
+        """Return a table (N,) of STAR_TRACK of these tracks."""
+        table = np.zeros(len(self), native.STAR_TRACK)
+        columns = table.view(float).reshape(len(table), table.itemsize // 8)
+        columns[:, :2], columns[:, 2:4] = self.uv, self.velocity
+        columns[:, 4], columns[:, 5], columns[:, 6] = (
+            self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1])
+        columns[:, 7], columns[:, 8], columns[:, 9] = self.magnitude, self.flux, self.snr
+        columns[:, 10], columns[:, 11], columns[:, 12] = (
+            self.sigma_px, self.residual_px, np.nan)
+        columns[:, 13] = self.association_probability
+        for name in ('hip', 'track_id', 'age', 'missed'):
+            table[name] = getattr(self, name)
+        return table
 
     @property
     def usable(self) -> np.ndarray:

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
+from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.core.integrity.protection import ProtectionOptions
 from startracker_ros.core.integrity.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.options import option, Options
@@ -82,10 +81,6 @@ class AttitudeEstimatorNode(CameraNode):
         if self.camera is not None:
             self._stage.set_limits(self.options(ValidationOptions),
                                    self.options(ProtectionOptions))
-
-    def warm_up(self) -> None:
-        AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
-            self.options(AberrationOptions))).warm_up()
 
     def follow_frame(self, frame_id: str) -> str:
         """Return the frame of the parameter or, if that is not set, of the images."""

@@ -3,7 +3,6 @@
 
 """star_tracker: centroids, stars, imu, hint, camera_info -> tracks, attitude, predictions."""
 
-from dataclasses import replace
 from functools import partial
 
 from geometry_msgs.msg import AccelWithCovarianceStamped
@@ -15,8 +14,7 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.core.stages.tracking import make_track_filter, make_trackers
+from startracker_ros.core.stages.tracking import make_trackers
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTrackOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
@@ -73,10 +71,6 @@ class StarTrackerNode(CameraNode):
     def set_live_options(self) -> None:
         if self.camera is not None:
             self._tracker.set_limits(self.options(TrackerOptions))
-
-    def warm_up(self) -> None:
-        options = replace(self.options(TrackerOptions), magnitude_limit=5.0)
-        make_track_filter(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).warm_up()
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)

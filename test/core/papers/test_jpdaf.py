@@ -3,6 +3,7 @@
 
 """The filter against the textbook Kalman filter, the paper's formula and its own covariance."""
 
+from native_bank import coordinated_turn
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -10,7 +11,7 @@ from startracker_ros.core.centroid.centroids import round_errors
 from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
-from startracker_ros.core.track.motion_models import constant_velocity, coordinated_turn
+from startracker_ros.core.track.motion_models import constant_velocity
 
 H = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
 

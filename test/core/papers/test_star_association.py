@@ -6,10 +6,12 @@
 from itertools import product
 from math import factorial
 
+import native_bank
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from startracker_ros.core.papers.jpdaf import associate_stars, log_event_sum, update
+from startracker_ros.core.papers import jpdaf
+from startracker_ros.core.papers.jpdaf import associate_stars, log_event_sum
 from startracker_ros.core.track.association import DetectionModel, gate_size
 from startracker_ros.core.track.options import ASSOCIATIONS
 
@@ -69,9 +71,10 @@ def listed(state, covariance, uv, association, allowed):
     return beta[1:]
 
 
+@pytest.mark.parametrize('functions', [jpdaf, native_bank], ids=['package', 'native'])
 @pytest.mark.parametrize('association', ASSOCIATIONS)
 @pytest.mark.parametrize('seed', range(12))
-def test_a_cycle_is_that_of_all_matrices(association, seed):
+def test_a_cycle_is_that_of_all_matrices(functions, association, seed):
     rng = np.random.default_rng(seed)
     state, covariance, uv = crowded_scene(rng)
     confirmed = None if seed % 2 else np.array([0, -1, 2])
@@ -80,13 +83,13 @@ def test_a_cycle_is_that_of_all_matrices(association, seed):
         allowed[:, 1] = False
         allowed[[j for j in range(len(uv)) if j not in (0, 2)]] = False
     variance = np.full(len(uv), VARIANCE)
-    beta, unassociated = associate_stars(
+    beta, unassociated = functions.associate_stars(
         state[:, [0, 2]], covariance[:, ::2, ::2], uv, variance, DETECTION, association, confirmed)
     expected = listed(state, covariance, uv, association, allowed)
     np.testing.assert_allclose(beta, expected, rtol=0, atol=1e-12)
     assert unassociated[-1] and not unassociated[:3].all()
     # Steps 7 to 9.
-    new_state, new_covariance = update(state, covariance, uv, variance, beta)
+    new_state, new_covariance = functions.update(state, covariance, uv, variance, beta)
     for r in range(3):
         P, S = covariance[r], H @ covariance[r] @ H.T + VARIANCE * np.eye(2)
         K = P @ H.T @ np.linalg.inv(S)

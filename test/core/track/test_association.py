@@ -7,11 +7,17 @@ from itertools import product
 
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
+import native_bank
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 from startracker_ros.core.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities, marginals, OPEN_CENTROIDS)
+
+
+CORES = pytest.mark.parametrize(
+    'probabilities', [marginals, native_bank.marginals], ids=['package', 'native'])
+STEPS = native_bank.MAX_STEPS
 
 
 def brute_force(weight):
@@ -35,16 +41,18 @@ def weights(draw, most=4):
     return np.where(inside, weight, 0.0)
 
 
+@CORES
 @given(weights())
 @settings(max_examples=200)
-def test_agrees_with_brute_force(weight):
-    np.testing.assert_allclose(joint_probabilities(weight), brute_force(weight),
+def test_agrees_with_brute_force(probabilities, weight):
+    np.testing.assert_allclose(probabilities(weight, STEPS), brute_force(weight),
                                rtol=1e-9, atol=1e-12)
 
 
+@CORES
 @given(weights(most=12))
-def test_properties(weight):
-    probability = joint_probabilities(weight)
+def test_properties(probabilities, weight):
+    probability = probabilities(weight, STEPS)
     np.testing.assert_allclose(probability.sum(axis=1), 1, rtol=1e-12)
     assert (probability >= 0).all() and not probability[weight == 0].any()
     assert (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
@@ -82,11 +90,12 @@ def only(weight, track, choice):
     return left
 
 
+@CORES
 @pytest.mark.parametrize('tracks, centroids', [(8, 8), (12, 12), (3, 20)])
-def test_all_share_all(tracks, centroids):
+def test_all_share_all(probabilities, tracks, centroids):
     rng = np.random.default_rng(tracks)
     weight = np.exp(rng.normal(0, 3, (tracks, centroids + 1)))
-    probability, total = joint_probabilities(weight), all_events(weight)
+    probability, total = probabilities(weight, STEPS), all_events(weight)
     for track, choice in zip(rng.integers(0, tracks, 6), rng.integers(0, centroids + 1, 6)):
         expected = all_events(only(weight, track, choice)) / total
         assert probability[track, choice] == pytest.approx(expected, rel=1e-9)
@@ -101,14 +110,15 @@ def chain_events(weight):
     return free + used
 
 
-def test_two_hundred_tracks_in_one_cluster():
+@CORES
+def test_two_hundred_tracks_in_one_cluster(probabilities):
     rng = np.random.default_rng(5)
     weight, track = np.zeros((200, 202)), np.arange(200)
     for column in (0, track + 1, track + 2):
         weight[track, column] = np.exp(rng.normal(0, 1, 200))
     shuffled = rng.permutation(200)
     probability = np.empty_like(weight)
-    probability[shuffled] = joint_probabilities(weight[shuffled])
+    probability[shuffled] = probabilities(weight[shuffled], STEPS)
     total = chain_events(weight)
     for track in (0, 1, 57, 100, 198, 199):
         for choice in (0, track + 1, track + 2):
@@ -116,22 +126,24 @@ def test_two_hundred_tracks_in_one_cluster():
                 chain_events(only(weight, track, choice)) / total, rel=1e-9)
 
 
-def test_cut_to_the_most_probable_states():
+@CORES
+def test_cut_to_the_most_probable_states(probabilities):
     weight = np.exp(np.random.default_rng(0).normal(0, 4, (10, 11)))
-    exact = joint_probabilities(weight)
-    cut = marginals(weight, 110 * 100)
+    exact = probabilities(weight, STEPS)
+    cut = probabilities(weight, 110 * 100)
     assert 1e-9 < np.abs(cut - exact).max() < 0.05
     # Even a single state is a possible event up to the last track.
-    for probability in (cut, marginals(weight, 1)):
+    for probability in (cut, probabilities(weight, 1)):
         np.testing.assert_allclose(probability.sum(axis=1), 1)
         assert (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
 
 
+@CORES
 @pytest.mark.parametrize('tracks, centroids', [(40, 50), (200, 2 * OPEN_CENTROIDS)])
-def test_hopeless_cluster_still_gives_probabilities(tracks, centroids):
+def test_hopeless_cluster_still_gives_probabilities(probabilities, tracks, centroids):
     """Forty tracks that all share fifty centroids: 10^60 events."""
     weight = np.exp(np.random.default_rng(1).normal(0, 2, (tracks, centroids + 1)))
-    probability = joint_probabilities(weight)
+    probability = probabilities(weight, STEPS)
     np.testing.assert_allclose(probability.sum(axis=1), 1)
     assert (probability >= 0).all() and (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
 

@@ -3,16 +3,12 @@
 
 """What is named: a diverged filter, no covariance, a frozen source, a gyro at its range."""
 
-from dataclasses import replace
-
+from native_core import call
 import numpy as np
 from star_motion import Motion, sky, START_NS, STEP_NS
-from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.integrity.checks import IDENTIFICATION_DIFFERS, REPEATED_FRAME
-from startracker_ros.core.track import attitude_model
-from startracker_ros.core.track.motion_filter import started
+from startracker_ros.core.integrity.checks import REPEATED_FRAME
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
@@ -35,22 +31,22 @@ def tracking(motion, gyro=None, frames=12, **options):
     return tracker
 
 
-def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypatch):
-    motion = Motion(ONBOARD, (0.0, 0.1, 0.0), sigma_px=0.05)
+def handle(tracker):
+    """Return the native tracker."""
+    return tracker._tracker.handle
+
+
+def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is():
+    motion = Motion(sky(7.0), (0.0, 0.1, 0.0), sigma_px=0.05)
     # Without jumps, which follow it.
     tracker = tracking(motion, max_bad_frames=1000, acceleration_deg_s2=1e-6,
-                       roll_acceleration_deg_s2=1e-6)
-    # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
-    monkeypatch.setattr(attitude_model, 'DIVERGED', replace(
-        attitude_model.DIVERGED, probability=IDENTIFICATION_DIFFERS.probability))  # 10 sigma
+                       roll_acceleration_deg_s2=1e-6, max_stars=100)
     for frame in range(12, 17):
         assert tracker.state is TrackerState.TRACKING
-        # As by a defect of the state: it is wrong by 3 sigma of a star, and sure of that.
-        model = tracker._model
-        model._motion = started(AttitudeState(
-            model._state.stamp_ns, motion.q(frame - 1 + 0.16), np.radians(motion.rate_deg_s),
-            np.zeros(3), np.eye(9) * 1e-16), np.full(3, 1e-16), 0.1)
-        model._motion.covariance[:, 6:9, 6:9] = 0.0
+        # As by a defect of the state: it is wrong by 3 sigma of a star, and sure of that:
+        # each star is in its gate, together they are off by more than 20 sigma.
+        call('stt_set_motion', handle(tracker), motion.q(frame - 1 + 0.16),
+             np.radians(motion.rate_deg_s), 1e-16)
         stamp_ns, centroids, _ = motion.frame(frame)
         tracker.update(stamp_ns, centroids)
         assert tracker.attitude is None
@@ -61,9 +57,7 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypat
 def test_a_covariance_that_is_none_is_given_up():
     motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
     tracker = tracking(motion)
-    model, bad = tracker._model, tracker._model._motion.covariance.copy()
-    bad[:, 4, 4] = -1e-6
-    model._motion = model._motion._replace(covariance=bad)
+    call('stt_set_variance', handle(tracker), 4, -1e-6)
     stamp_ns, centroids, _ = motion.frame(12)
     tracker.update(stamp_ns, centroids)
     assert tracker.attitude is None and tracker.state is TrackerState.LOST

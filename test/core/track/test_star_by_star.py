@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 
+from native_bank import rolled
 import numpy as np
 import pytest
 from star_motion import CAMERA, Motion, sky, STEP_NS
@@ -12,7 +13,6 @@ from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
-from startracker_ros.core.papers.independent_stars import rolled
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError
 from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 from startracker_ros.core.track.options import TrackerOptions

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from commands import invoke
 import cv2
+from native_bank import coordinated_turn
 import numpy as np
 import pytest
 from startracker_evaluation.campaign import jpdaf as campaign, jpdaf_methods, jpdaf_runs
@@ -18,8 +19,7 @@ from startracker_evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S, PUBLISHED)
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
-from startracker_ros.core.track.motion_models import (
-    constant_velocity, coordinated_turn, image_jacobian)
+from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 import yaml
 
 STILL, SHAKEN, TURNING = (Cell('linear', 0.0, 0.01), Cell('linear', 0.5, 0.01),

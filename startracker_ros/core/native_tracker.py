@@ -1,0 +1,221 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A tracker of the native library: its memory, its calls, its lists, its sky."""
+
+import ctypes
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from startracker_ros.core import native
+from startracker_ros.core.astro.observer_motion import Observer, ObserverMotion
+from startracker_ros.core.attitude.error_budget import ErrorBudget
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.camera.distortion import MODELS
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.sky_file import star_arrays
+from startracker_ros.core.options import Options
+from startracker_ros.core.stored_arrays import write_arrays
+
+EXTRACTS, IDENTIFIES, TRACKS, TRUSTS = 1, 2, 4, 8
+"""Stages, ST_EXTRACTS and so on."""
+
+MOST_CENTROIDS = 5000
+"""Capacity of lists of centroids, the brightest; what is not used takes no memory."""
+
+_ALIGNMENT = 64
+_SKY = 'native_sky'
+_LENSES = list(MODELS)
+_COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of an st_centroid
+_NUMBERS = native.CENTROID.itemsize // 8
+_ABERRATION = ('none', 'earth_only', 'full')
+_UNKNOWN = np.full(3, np.nan)
+
+
+class NativeTracker:
+    """
+    A tracker with the stages of a CONFIG, in memory of its own; one thread uses it at a time.
+
+    sky is that of native_sky(), None where it only extracts. NativeError as of st_create().
+    """
+
+    def __init__(self, config: np.ndarray, camera: np.ndarray, sky: np.ndarray | None = None
+                 ) -> None:
+        self._library, self.handle = native.library(), ctypes.c_void_p()
+        # Memory of the caller, for as long as the tracker lives.
+        self._sky = sky
+        file = None if sky is None else np.array((sky.ctypes.data, len(sky)), native.SKY)
+        size, fault = ctypes.c_size_t(), np.zeros((), native.FAULT)
+        given = config.ctypes.data, camera.ctypes.data, address_of(file)
+        native.check(self._library.st_size(*given, ctypes.byref(size)))
+        self._memory = aligned(size.value)
+        native.check(self._library.st_create(
+            self._memory.ctypes.data, size.value, *given, ctypes.byref(self.handle),
+            fault.ctypes.data), fault)
+        self.count = ctypes.c_size_t()
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function with the tracker and arguments; NativeError for wrong use."""
+        native.check(getattr(self._library, name)(self.handle, *arguments))
+
+    def status_of(self, name: str, *arguments: Any) -> int:
+        """Return the status of a function that may refuse its input."""
+        return int(getattr(self._library, name)(self.handle, *arguments))
+
+    def change_options(self, config: np.ndarray) -> None:
+        """Use the options of a CONFIG without loss of lock; NativeError where one is not live."""
+        fault = np.zeros((), native.FAULT)
+        native.check(self.status_of('st_change_options', config.ctypes.data, fault.ctypes.data),
+                     fault)
+
+    def list(self, name: str, kind: np.dtype, none: bool = False) -> Any:
+        """Return a copy of a list of the last call; where none, None instead of a null pointer."""
+        first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
+        if none and first is None:
+            return None
+        size = self.count.value * kind.itemsize
+        return np.frombuffer(bytearray(ctypes.string_at(first, size)) if size else b'', kind)
+
+
+class ObserverInput:
+    """Gives a tracker the observer of each frame: at rest without a motion."""
+
+    def __init__(self, tracker: NativeTracker, motion: ObserverMotion | None) -> None:
+        self._tracker, self._motion = tracker, motion
+        self._given: tuple[int, Observer] | None = None
+
+    def look(self, stamp_ns: int) -> None:
+        """Give the observer of a time, where it is not the one given last."""
+        if self._motion is None:
+            return
+        observer, given = self._motion.at(stamp_ns), self._given
+        if given is None or observer is not given[1] or stamp_ns < given[0]:
+            self._given = stamp_ns, observer
+            self._tracker.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
+
+    def reset(self) -> None:
+        """Forget what was given, as the tracker does."""
+        self._given = None
+
+
+def aligned(size: int) -> np.ndarray:
+    """Return memory (size,) uint8 as the library needs it."""
+    block = np.empty(size + _ALIGNMENT, np.uint8)
+    first = -block.ctypes.data % _ALIGNMENT
+    return block[first:first + size]
+
+
+def address_of(array: np.ndarray | None) -> int | None:
+    """Return where an array is; None for none."""
+    return None if array is None else array.ctypes.data
+
+
+# --- what goes in ---
+
+
+def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) -> None:
+    """Set a part of a CONFIG; of a choice the number among its names."""
+    for name in part.dtype.names or ():
+        if hasattr(options, name):
+            value = getattr(options, name)
+            part[name] = choices[name].index(value) if name in choices else value
+
+
+
+def native_camera(camera: Camera) -> np.ndarray:
+    """Return a CAMERA."""
+    made = np.zeros((), native.CAMERA)
+    made['width_px'], made['height_px'] = camera.width, camera.height
+    made['fx_px'], made['fy_px'] = camera.fx, camera.fy
+    made['cx_px'], made['cy_px'] = camera.cx, camera.cy
+    made['distortion'][:len(camera.distortion)] = camera.distortion
+    made['model'] = _LENSES.index(camera.distortion_model)
+    return made
+
+
+def native_sky(onboard: OnboardCatalog) -> np.ndarray:
+    """
+    Return a sky file of a catalogue in memory, with its stars alone: no patterns, no pairs.
+
+    It is made once for a catalogue.
+    """
+    made = vars(onboard)
+    if _SKY not in made:
+        file = BytesIO()
+        write_arrays(file, star_arrays(onboard))
+        content = file.getbuffer()
+        sky = aligned(len(content))
+        sky[:] = np.frombuffer(content, np.uint8)
+        # In a list: arrays are those of the stars.
+        made[_SKY] = [sky]
+    return made[_SKY][0]
+
+
+def native_centroids(centroids: Centroids) -> np.ndarray:
+    """Return a table (N,) of CENTROID as an array (N, 12), of MOST_CENTROIDS at most."""
+    if len(centroids) > MOST_CENTROIDS:
+        centroids = centroids.select(slice(MOST_CENTROIDS))
+    count = len(centroids)
+    table = np.empty((count, _NUMBERS))
+    table[:, :2] = centroids.uv
+    table[:, 2], table[:, 3], table[:, 4] = centroids.flux, centroids.snr, centroids.sigma_px
+    covariance, common = centroids.covariance, centroids.common
+    table[:, 5], table[:, 6], table[:, 7] = (
+        covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1])
+    table[:, 8], table[:, 9], table[:, 10] = common[:, 0, 0], common[:, 0, 1], common[:, 1, 1]
+    table[:, 11] = centroids.delay_s
+    return table
+
+
+def native_identified(hip: np.ndarray, count: int) -> np.ndarray:
+    """Return a table (count,) of IDENTIFIED of the first of catalogue numbers hip (N,)."""
+    table = np.zeros(count, native.IDENTIFIED)
+    table['hip'] = np.asarray(hip)[:count]
+    return table
+
+
+def centroids_of(table: np.ndarray, exposure_s: tuple[float, float]) -> Centroids:
+    """Return a list of CENTROID (N,)."""
+    count = len(table)
+    columns = table.view(float).reshape(count, _NUMBERS)
+    return Centroids(
+        columns[:, :2], columns[:, 2], columns[:, 3], columns[:, 4],
+        columns[:, _COVARIANCE].reshape(count, 2, 2), columns[:, 11].copy(),
+        columns[:, _COMMON].reshape(count, 2, 2), exposure_s)
+
+
+def native_observer(observer: Observer) -> np.ndarray:
+    """Return an OBSERVER."""
+    made, vantage, bodies = np.zeros((), native.OBSERVER), observer.vantage, observer.bodies
+    made['velocity_sigma_m_s'] = observer.velocity_sigma_m_s
+    made['epoch_sigma_years'] = observer.epoch_sigma_years
+    made['heliocentric_au'] = _UNKNOWN
+    made['max_age_s'] = np.inf
+    if vantage is not None:
+        made['aberration'] = _ABERRATION.index(observer.used)
+        made['velocity_m_s'] = vantage.velocity_m_s
+        made['heliocentric_au'] = vantage.heliocentric_au
+        if vantage.air is not None:
+            made['zenith'] = vantage.air.zenith
+            made['refraction_a_rad'], made['refraction_b_rad'] = vantage.air[1:]
+    if bodies is not None:
+        body = made['body'][:len(bodies.magnitude)]
+        body['direction'], body['magnitude'] = bodies.direction, bodies.magnitude
+        body['radius_rad'], body['error_rad'] = bodies.radius_rad, bodies.error_rad
+        made['body_count'] = len(body)
+    return made
+
+
+# --- what comes out ---
+
+
+def attitude_of(attitude: np.ndarray, budget: np.ndarray | None = None) -> AttitudeEstimate:
+    """Return a valid ATTITUDE with its BUDGET."""
+    return AttitudeEstimate(
+        attitude['quaternion'].copy(), attitude['covariance_rad2'].copy(), int(attitude['stars']),
+        chi2=float(attitude['chi2']),
+        budget=None if budget is None else ErrorBudget(*(
+            budget[name].copy() for name in ErrorBudget._fields)))
