@@ -38,6 +38,8 @@ SCENES = {
     'one_head': (Scene(16.0, heads=1), KNOWN, ALONE),
     'noise': (Scene(24.0, fault='errors 3 times as large as the covariance says'), LEARNT,
               FusionOptions()),
+    'noise_of_two': (Scene(16.0, fault='errors 3 times as large as the covariance says',
+                           faulty_heads=2), KNOWN, FusionOptions()),
     'gyro_axes': (Scene(12.0, turn_deg_s=0.3, wrong_gyro='axes swapped'), KNOWN, FusionOptions()),
     'gyro_scale': (Scene(24.0, turn_deg_s=0.3, wobble_deg_s=0.5, wrong_gyro='a scale of 1.1'),
                    KNOWN, FusionOptions())}
@@ -100,7 +102,7 @@ class Recorded(AttitudeFusion):
 def main() -> None:
     saved = {}
     for name, (scene, mount_options, options) in SCENES.items():
-        run = SceneRun(scene, np.random.default_rng(1))
+        run = SceneRun(scene, np.random.default_rng(2 if name == 'noise_of_two' else 1))
         fusion = Recorded(run.mount_file(), options, mount_options)
         fusion.start()
         count = sum(1 for _ in run.events(fusion))

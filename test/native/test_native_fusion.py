@@ -25,8 +25,8 @@ OPTIONS = ('start_heads', 'agree_frames', 'exclude_frames', 'horizon_s', 'max_ga
            'mount_walk_arcsec_sqrt_h', 'mount_temperature_arcsec_k', 'mount_orbit_arcsec',
            'orbit_period_s', 'gyro_drift_deg_h', 'gyro_noise_deg_sqrt_h', 'gyro_range_deg_s',
            'gyro_rate_change_deg_s2')
-SCENES = ('late', 'no_gyro', 'law', 'jump', 'mount', 'stamps', 'one_head', 'noise', 'gyro_axes',
-          'gyro_scale')
+SCENES = ('late', 'no_gyro', 'law', 'jump', 'mount', 'stamps', 'one_head', 'noise', 'noise_of_two',
+          'gyro_axes', 'gyro_scale')
 EACH = 7
 START_NS = 1_784_000_000 * 10 ** 9
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2

@@ -28,7 +28,7 @@ public:
     /// Use the gyro only after it has agreed with the heads again.
     void forget_gyro();
 
-    /// Let the gyro agree with the heads for longer before it is used again.
+    /// Let the gyro agree for longer, with the heads that have compared it, before it is used again.
     void contradict_gyro(const st_reason &trouble);
 
     /// 1-sigma error of a drift of which nothing is known.
@@ -77,6 +77,7 @@ private:
     Gyro gyro_;
     Vector<3 + MOST_CONSTANTS> walk_;
     GyroAgreement agreement_[ST_MOST_HEADS];
+    bool has_compared_[ST_MOST_HEADS];
 };
 
 }  // namespace st

@@ -204,7 +204,8 @@ void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
         return;
     }
     HeadInnovation found = innovation(state_, head, frame);
-    if (found.nis > GATE && is_newest && is_alone(head, frame.stamp_ns)) {
+    // Written so that NaN is rejected.
+    if (!(found.nis <= GATE) && is_newest && is_alone(head, frame.stamp_ns)) {
         for (const ModeSet mode : WIDE) {
             fuse(*after_, weights_of(after_->weight, mode), state_);
             found = innovation(state_, head, frame);
@@ -216,7 +217,7 @@ void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
     if (head.state == ST_HEAD_USED) {
         head.noise.add(found.nis, least_noise(frame.stamp_ns, head));
     }
-    if (found.nis > GATE) {
+    if (!(found.nis <= GATE)) {
         ++head.counts.disagreeing;
         dispute(head, frame, found, fused);
         return;
@@ -286,12 +287,12 @@ bool Fusion::counts(Head &head, const HeadFrame &frame, const HeadInnovation &fo
     if (head.agreed_count() < options.agree_frames) {
         return false;
     }
-    if (head.agreed_sum() > options.agree_frames * RETURN_GATE) {
+    if (!(head.agreed_sum() <= options.agree_frames * RETURN_GATE)) {
         // An error that lasts shows in the mean, though each frame is within the gate.
         head.enter(ST_HEAD_EXCLUDED, difference(found));
         return false;
     }
-    if (found.nis > RETURN_GATE) {
+    if (!(found.nis <= RETURN_GATE)) {
         return false;
     }
     head.enter(ST_HEAD_USED, {});
@@ -450,7 +451,7 @@ bool Fusion::start_with(Head &head, const HeadFrame &frame, st_fused &fused) {
         motion_.propagate_at_constant_rate(*before_, frame.stamp_ns,
                                            known ? RESTART_FACTOR : START_FACTOR, *after_, state_);
         const HeadInnovation innovation_found = innovation(state_, head, frame);
-        if (innovation_found.nis > RETURN_GATE) {
+        if (!(innovation_found.nis <= RETURN_GATE)) {
             const bool first = head.number < other.number;
             trouble = reason_of(ST_FUSION_DISAGREE,
                                 {static_cast<double>(first ? head.number : other.number),
