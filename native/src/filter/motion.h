@@ -32,7 +32,8 @@
 // moments has no such tails as the mixture: with a mode of the probability p, whose mean is m away
 // and whose sigma is s, the sigma of an axis is at least (|m| + c s) / 5, c as of tail_sigmas().
 //
-// In a frame: predict_motion(), update_motion(), measure_motion(), then state_of() and with_tails().
+// In a frame: predict_motion(), update_motion(), measure_motion() (motion_steps.cpp; one step of a mode
+// is in modes.h), then state_of() and with_tails() (motion_published.cpp).
 
 #pragma once
 

@@ -7,7 +7,7 @@
 // state of its time, from which the frames after it are used again.
 //
 // A frame: add_frame() brings it to the time of the body; test() predicts the state to it, compares
-// both, and updates the state if the head counts; start() begins with heads that agree.
+// both, and updates the state if the head counts; start_with() starts from heads that agree.
 
 #pragma once
 
@@ -21,11 +21,13 @@ namespace st {
 
 class Fusion {
 public:
-    /// Return the bytes of memory that start() takes, and whether options and mounts fit.
+    /// Return the bytes of memory that start() takes.
     static size_t bytes(const st_fusion_config &config, const st_mount *mounts);
+
+    /// Return how many coefficients the mounts have.
     static int coefficients_of(const st_fusion_config &config, const st_mount *mounts);
 
-    /// Start without frames; config has no zero for what is derived.
+    /// Start without frames, with MOST_CONSTANTS coefficients at most.
     void start(const st_fusion_config &config, const st_mount *mounts, Arena &arena);
 
     /// Forget attitude, gyro and frames; the mounts are those of start() again.
