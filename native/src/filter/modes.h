@@ -135,9 +135,9 @@ struct Transition {
     Matrix3 Q[3];
 };
 
-/// Of white acceleration of density q in a time t, Q of turn and rate is [t^3 / 3, t^2 / 2; ., t] q;
-/// of white jerk Q is [t^5 / 20, t^4 / 8, t^3 / 6; ., t^3 / 3, t^2 / 2; ., ., t] q (Bar-Shalom, Li
-/// and Kirubarajan, 6.2.2 and 6.2.3). A swing of w turns [rate - r, acceleration] by w t.
+/// Of white acceleration of density q in a time t, Q of turn and rate is [t^3 / 3, t^2 / 2; ., t]
+/// q; of white jerk Q is [t^5 / 20, t^4 / 8, t^3 / 6; ., t^3 / 3, t^2 / 2; ., ., t] q (Bar-Shalom,
+/// Li and Kirubarajan, 6.2.2 and 6.2.3). A swing of w turns [rate - r, acceleration] by w t.
 Transition transition_of(const Mode &mode, double tau_s, double w2, const Vector3 &noise_rad2,
                          double interval_s, const Vector3 &acceleration);
 

@@ -130,8 +130,8 @@ Matrix<6, 6> with_tails(const MotionWith<MOST> &motion, Matrix<6, 6> covariance)
 ///     A = sum mu (r r^T + a a^T / w^2) / w^2
 ///
 /// the square of its amplitude, from the rate r less its mean and the acceleration a of each mode.
-/// The frames do not tell its frequency w from 2 pi / dt - w, at which the body turns the other way:
-/// rates that differ by 2 pi / dt sqrt(A).
+/// The frames do not tell its frequency w from 2 pi / dt - w, at which the body turns the other
+/// way: rates that differ by 2 pi / dt sqrt(A).
 Matrix<6, 6> vibration_covariance(const Motion &motion) {
     Matrix<6, 6> added{};
     const double w2 = motion.swing.w2;
@@ -163,9 +163,9 @@ Matrix<6, 6> vibration_covariance(const Motion &motion) {
 
 /// With the probability of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
 /// probability MISSED_LIGHT: within c of WRONG_SIGMAS, as of tail_sigmas(). As much of the square
-/// e e^T of the error is added as makes its Mahalanobis distance m = WRONG_SIGMAS - c: with
-/// d^2 = e^T P^-1 e that is 1 / m^2 - 1 / d^2 (Sherman and Morrison, Ann. Math. Stat. 21, 1950), and
-/// for every axis as much as an error of the size across needs there.
+/// e e^T of the error is added as makes its Mahalanobis distance m = WRONG_SIGMAS - c: with d^2 =
+/// e^T P^-1 e that is 1 / m^2 - 1 / d^2 (Sherman and Morrison, Ann. Math. Stat. 21, 1950), and for
+/// every axis as much as an error of the size across needs there.
 Matrix3 covariance_deficit(const Matrix3 &covariance, const Vector3 &error, double across,
                            double probability) {
     const double tail = tail_sigmas(probability, MISSED_LIGHT);

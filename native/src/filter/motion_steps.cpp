@@ -105,8 +105,8 @@ void about_mean(MotionWith<MOST> &motion) {
 ///     P <- P - P H^T (I + Y S)^-1 Y H P,  x <- x + P H^T (I + Y S)^-1 y,
 ///     -2 log L = log det(I + Y S) + d^T Y d - y^T S (I + Y S)^-1 y
 ///
-/// (the information filter, without an inverse of Y, which may be singular). Columns of L from last
-/// on are zero, as those before first.
+/// (the information filter, without an inverse of Y, which may be singular). Columns of L from
+/// last on are zero, as those before first.
 template <int SIZE, int MOST>
 double correct_by_stars(const Matrix<SIZE, SIZE> &Y, const Vector<SIZE> &vector,
                         const Vector<SIZE> &base, const double *const *L, int first, int last,
@@ -265,9 +265,9 @@ void update_motion(const MotionMeasurement<MOST> &measured, MotionWith<MOST> &mo
     about_mean(motion);
 }
 
-/// The frequency of a swing: three turns from frame to frame in a row of a body that swings with w,
-/// less their mean, have a_k + a_k-2 = 2 cos(w dt) a_k-1. So have their changes, of which the least
-/// squares for 2 cos(w dt) are product / energy, with a memory.
+/// The frequency of a swing: three turns from frame to frame in a row of a body that swings with
+/// w, less their mean, have a_k + a_k-2 = 2 cos(w dt) a_k-1. So have their changes, of which the
+/// least squares for 2 cos(w dt) are product / energy, with a memory.
 template <int MOST>
 void measure_motion(int64_t before_ns, const Quaternion &quaternion, const Matrix3 &R,
                     MotionWith<MOST> &motion) {

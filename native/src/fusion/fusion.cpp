@@ -432,8 +432,8 @@ double Fusion::least_noise(int64_t stamp_ns, const Head &but) const {
 
 // --- start ---
 
-/// Start with two frames of a head and one of another that agrees, or with one head; return whether it
-/// did. A state before is replaced: its mounts are used again, not its gyro.
+/// Start with two frames of a head and one of another that agrees, or with one head; return
+/// whether it did. A state before is replaced: its mounts are used again, not its gyro.
 bool Fusion::start_with(Head &head, const HeadFrame &frame, st_fused &fused) {
     st_reason trouble{};
     int found[ST_MOST_HEADS];
@@ -641,8 +641,8 @@ st_mount Fusion::learnt(int number) const {
     return head.learnt(coefficients_ + first, mount_covariance_ + first * m + first, m);
 }
 
-/// Drop the attitude where a mount has left what its file allows, and exclude the head. The reference,
-/// where two others have left theirs: all mounts are against it.
+/// Drop the attitude where a mount has left what its file allows, and exclude the head. The
+/// reference, where two others have left theirs: all mounts are against it.
 bool Fusion::has_implausible_mounts(int64_t stamp_ns) {
     bool is_wrong[ST_MOST_HEADS] = {};
     int wrong = 0;
@@ -684,7 +684,8 @@ Fusion::Offset Fusion::offset_of(const Head &head, const HeadInnovation &found) 
     return offset;
 }
 
-/// Look for steps of the mounts in the differences of the heads. A mount that has made one is not known.
+/// Look for steps of the mounts in the differences of the heads. A mount that has made one is not
+/// known.
 void Fusion::observe(const Head &head, int64_t stamp_ns, const Offset &offset) {
     detector_.add(head.number, stamp_ns, offset.rad, offset.variance, offset.law, steps_);
     for (const st_mount_step &step : steps_) {

@@ -3,11 +3,12 @@
 
 // Several heads, one attitude of the body: each head is checked against the others and the gyro.
 //
-// Frames may come late and out of order. States are stored over the horizon; a late frame corrects the
-// state of its time, from which the frames after it are used again.
+// Frames may come late and out of order. States are stored over the horizon; a late frame corrects
+// the state of its time, from which the frames after it are used again.
 //
-// A frame: add_frame() brings it to the time of the body; test() predicts the state to it, compares
-// both, and updates the state if the head counts; start_with() starts from heads that agree.
+// A frame: add_frame() brings it to the time of the body; test() predicts the state to it,
+// compares both, and updates the state if the head counts; start_with() starts from heads that
+// agree.
 
 #pragma once
 

@@ -48,7 +48,8 @@ public:
     /// Make room for a frame there; there is always room for one more than the capacity.
     FusionEntry &insert(int index);
 
-    /// Forget frames up to a stamp, but not the newest one before it, and those beyond the capacity.
+    /// Forget frames up to a stamp, but not the newest one before it, and those beyond the
+    /// capacity.
     void forget_until(int64_t stamp_ns);
 
 private:
