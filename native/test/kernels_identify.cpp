@@ -76,8 +76,8 @@ double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int
     const Arena::Scope scope(tracker->work);
     const Verifier &verifier = tracker->identification.verifier();
     const Pairs &pairs = verifier.sky.pairs;
-    auto *latest = static_cast<int32_t *>(
-        std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
+    auto *latest =
+        static_cast<int32_t *>(std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
     std::fill(latest, latest + pairs.stars, -1);
     TriangleSearch search;
     search.begin(verifier, stars_of(*stars, *tracker), base, latest);
@@ -112,9 +112,9 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
 }
 
 int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t count,
-                        double looked_up, double tested, double false_alarm_max) {
+                        double looked_up, double tested, double false_alarm_max, double done_ns) {
     return is_searched(tracker->identification.verifier(), median_sigma, count, looked_up, tested,
-                       false_alarm_max);
+                       false_alarm_max, done_ns);
 }
 
 int32_t stt_stars_in_image(const st_tracker *tracker, const double matrix[9]) {

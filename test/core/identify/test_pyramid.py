@@ -33,10 +33,11 @@ def matcher(identifier):
         return StarMatcher(CAMERA, identifier.onboard, {}, Rules(identifier.scale_error))
 
 
-def ends_after(matcher, count, tested=1000, most=1e-5, sigma_px=0.3):
+def ends_after(matcher, count, tested=1000, most=1e-5, sigma_px=0.3, done_ns=0.0):
     """Return the number of triangles of count stars after which the search ends."""
     return next(number for number in range(comb(count, 3) + 1) if kernels().stt_is_searched(
-        matcher._handle, sigma_px * CAMERA.pixel_rad, count, number, tested, most))
+        matcher._handle, sigma_px * CAMERA.pixel_rad, count, number, tested, most,
+        done_ns))
 
 
 def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):
@@ -46,6 +47,11 @@ def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):
     # More is needed where fewer stars can be accepted, as with less noise or fewer candidates.
     assert ends_after(matcher, 15, sigma_px=0.05) > ends_after(matcher, 15, sigma_px=1.0)
     assert ends_after(matcher, 15, tested=10) > ends_after(matcher, 15, tested=10 ** 6)
+
+
+def test_after_a_while_more_of_the_stars_are_taken_to_be_true(matcher):
+    """A list without a sky is not searched for the few stars that could be accepted."""
+    assert 5 * ends_after(matcher, 40, done_ns=1e9) < ends_after(matcher, 40)
 
 
 def test_without_an_acceptable_field_it_ends_at_once(matcher):
