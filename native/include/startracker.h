@@ -544,6 +544,11 @@ ST_API st_status st_create(void *memory, size_t bytes, const st_config *config,
 /* Forget all frames, rates and hints: LOST, as after st_create. */
 ST_API st_status st_reset(st_tracker *tracker);
 
+/* Other options from the next frame on, without loss of lock; ST_READ_ONLY where one differs that
+ * docs/parameters.md does not mark as live, which fault names (may be null). Memory stays: more
+ * stars than there is room for since st_create are left out and counted. */
+ST_API st_status st_change_options(st_tracker *tracker, const st_config *config, st_fault *fault);
+
 /* predictions, of predicted_ns, may be null: the image is searched as a whole; lost 1: more stars
  * the longer there are none. */
 ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
@@ -572,10 +577,6 @@ ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_
 
 /* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
 #ifdef ST_PLANNED
-
-/* Other options without loss of lock; ST_READ_ONLY for those that docs/parameters.md does not
- * mark as live. */
-ST_API st_status st_change_options(st_tracker *tracker, const st_config *config, st_fault *fault);
 
 /* A whole frame: extraction, tracking, identification where due, trust. A stamp that is older
  * than the one before by more than 1 s restarts the tracker; else it is not used. */

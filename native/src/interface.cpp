@@ -11,7 +11,7 @@
 #include <cstddef>
 #include <cstring>
 
-#include "startracker.h"
+#include "options.h"
 
 namespace st {
 namespace {
@@ -50,17 +50,18 @@ bool has_instructions() {
 
 enum class Kind { NUMBER, WHOLE };
 
+enum class Change { AT_CREATE, LIVE };
+
 struct Option {
     const char *name;
     size_t offset;
     Kind kind;
     double standard, least, most;
+    Change change = Change::AT_CREATE;
 };
 
-#define NUMBER(option, standard, least, most) \
-    {#option, offsetof(st_config, option), Kind::NUMBER, standard, least, most}
-#define WHOLE(option, standard, least, most) \
-    {#option, offsetof(st_config, option), Kind::WHOLE, standard, least, most}
+#define NUMBER(option, ...) {#option, offsetof(st_config, option), Kind::NUMBER, __VA_ARGS__}
+#define WHOLE(option, ...) {#option, offsetof(st_config, option), Kind::WHOLE, __VA_ARGS__}
 
 // Those of the Python classes of options, which a test compares with these.
 constexpr Option OPTIONS[] = {
@@ -73,16 +74,16 @@ constexpr Option OPTIONS[] = {
     WHOLE(capacities.candidates, 0, 0, 1e6),
     WHOLE(capacities.frames, 0, 0, 1000),
     WHOLE(capacities.rates, 0, 0, 1e5),
-    NUMBER(extraction.threshold_sigma, 5.5, 3.0, 100.0),
-    NUMBER(extraction.threshold_dn, 50.0, 0.1, 65535.0),
+    NUMBER(extraction.threshold_sigma, 5.5, 3.0, 100.0, Change::LIVE),
+    NUMBER(extraction.threshold_dn, 50.0, 0.1, 65535.0, Change::LIVE),
     NUMBER(extraction.psf_sigma_px, 0.0, 0.0, 5.0),
     NUMBER(extraction.exposure_s, 0.0, 0.0, 600.0),
     NUMBER(extraction.line_time_us, 0.0, 0.0, 10000.0),
-    NUMBER(extraction.search_period_s, 1.0, 0.0, 3600.0),
-    WHOLE(extraction.threshold, ST_THRESHOLD_SIGMA, 0, ST_THRESHOLD_ITERATIVE),
-    WHOLE(extraction.method, ST_GAUSSIAN, 0, ST_THRESHOLDED),
-    WHOLE(extraction.max_stars, 40, 1, 5000),
-    WHOLE(extraction.max_stars_lost, 160, 1, 5000),
+    NUMBER(extraction.search_period_s, 1.0, 0.0, 3600.0, Change::LIVE),
+    WHOLE(extraction.threshold, ST_THRESHOLD_SIGMA, 0, ST_THRESHOLD_ITERATIVE, Change::LIVE),
+    WHOLE(extraction.method, ST_GAUSSIAN, 0, ST_THRESHOLDED, Change::LIVE),
+    WHOLE(extraction.max_stars, 40, 1, 5000, Change::LIVE),
+    WHOLE(extraction.max_stars_lost, 160, 1, 5000, Change::LIVE),
     WHOLE(extraction.readout_up, 0, 0, 1),
     NUMBER(identification.tolerance_sigmas, 3.5, 1.0, 10.0),
     NUMBER(identification.sigma_floor_px, 0.2, 0.0, 10.0),
@@ -94,27 +95,27 @@ constexpr Option OPTIONS[] = {
     NUMBER(tracking.magnitude_limit, 11.0, 0.0, 11.0),
     NUMBER(tracking.acceleration_deg_s2, 0.005, 1e-6, 100.0),
     NUMBER(tracking.roll_acceleration_deg_s2, 0.005, 1e-6, 100.0),
-    NUMBER(tracking.sigma_floor_px, 0.01, 1e-4, 10.0),
+    NUMBER(tracking.sigma_floor_px, 0.01, 1e-4, 10.0, Change::LIVE),
     NUMBER(tracking.detection_probability, 0.95, 0.01, 0.999),
     NUMBER(tracking.gate_probability, 0.9999, 0.5, 0.999999),
-    NUMBER(tracking.magnitude_tolerance, 1.0, 0.05, 20.0),
-    NUMBER(tracking.max_residual_px, 1.0, 0.01, 100.0),
-    NUMBER(tracking.max_rate_deg_s, 10.0, 0.001, 100.0),
-    NUMBER(tracking.max_gap_s, 5.0, 0.01, 600.0),
-    WHOLE(tracking.max_stars, 40, 4, 500),
-    WHOLE(tracking.min_stars, 4, 3, 100),
-    WHOLE(tracking.max_missed, 5, 0, 200),
-    WHOLE(tracking.confirm_frames, 3, 1, 100),
-    WHOLE(tracking.max_bad_frames, 5, 1, 1000),
+    NUMBER(tracking.magnitude_tolerance, 1.0, 0.05, 20.0, Change::LIVE),
+    NUMBER(tracking.max_residual_px, 1.0, 0.01, 100.0, Change::LIVE),
+    NUMBER(tracking.max_rate_deg_s, 10.0, 0.001, 100.0, Change::LIVE),
+    NUMBER(tracking.max_gap_s, 5.0, 0.01, 600.0, Change::LIVE),
+    WHOLE(tracking.max_stars, 40, 4, 500, Change::LIVE),
+    WHOLE(tracking.min_stars, 4, 3, 100, Change::LIVE),
+    WHOLE(tracking.max_missed, 5, 0, 200, Change::LIVE),
+    WHOLE(tracking.confirm_frames, 3, 1, 100, Change::LIVE),
+    WHOLE(tracking.max_bad_frames, 5, 1, 1000, Change::LIVE),
     NUMBER(gyro.gyro_drift_deg_h, 3.0, 0.001, 10000.0),
     NUMBER(gyro.gyro_noise_deg_sqrt_h, 0.15, 0.0, 100.0),
     NUMBER(gyro.gyro_range_deg_s, 100.0, 0.1, 100.0),
     NUMBER(gyro.gyro_rate_change_deg_s2, 0.1, 0.0, 1000.0),
-    NUMBER(trust.max_residual_px, 1.0, 0.01, 100.0),
-    NUMBER(trust.misleading_probability, 1e-7, 1e-12, 0.1),
-    NUMBER(trust.false_star_probability, 1e-5, 1e-9, 0.01),
-    WHOLE(trust.solver, ST_QUEST, 0, ST_TRIAD),
-    WHOLE(trust.min_stars, 4, 2, 100),
+    NUMBER(trust.max_residual_px, 1.0, 0.01, 100.0, Change::LIVE),
+    NUMBER(trust.misleading_probability, 1e-7, 1e-12, 0.1, Change::LIVE),
+    NUMBER(trust.false_star_probability, 1e-5, 1e-9, 0.01, Change::LIVE),
+    WHOLE(trust.solver, ST_QUEST, 0, ST_TRIAD, Change::LIVE),
+    WHOLE(trust.min_stars, 4, 2, 100, Change::LIVE),
 };
 
 #undef NUMBER
@@ -158,6 +159,19 @@ bool options_are_possible(const st_config &config, st_fault *fault) {
 }
 
 }  // namespace
+
+bool only_live_differ(const st_config &now, const st_config &wanted, st_fault *fault) {
+    for (const Option &option : OPTIONS) {
+        const double before = value_of(now, option), after = value_of(wanted, option);
+        if (option.change == Change::AT_CREATE && before != after) {
+            return refuse(fault, option.name, after, before, before);
+        }
+    }
+    const double before = now.epoch_year, after = wanted.epoch_year;
+    return before == after || (std::isnan(before) && std::isnan(after)) ||
+           refuse(fault, "epoch_year", after, before, before);
+}
+
 }  // namespace st
 
 using namespace st;

@@ -11,6 +11,7 @@
 #include <new>
 
 #include "centroid/spots.h"
+#include "options.h"
 
 using namespace st;
 
@@ -310,6 +311,22 @@ st_status st_reset(st_tracker *tracker) {
     tracker->centroids.clear();
     tracker->rejected.clear();
     tracker->identified.clear();
+    return ST_OK;
+}
+
+st_status st_change_options(st_tracker *tracker, const st_config *config, st_fault *fault) {
+    if (tracker == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const st_status status = st_check_config(config, fault);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (!only_live_differ(tracker->config, *config, fault)) {
+        return ST_READ_ONLY;
+    }
+    tracker->config = *config;
+    tracker->extraction.set_options(config->extraction);
     return ST_OK;
 }
 

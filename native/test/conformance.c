@@ -14,6 +14,7 @@
 
 #include "json.h"
 #include "kernels.h"
+#include "sky_file.h"
 
 /* ---- a case: inputs, and outputs that are compared ---- */
 
@@ -213,6 +214,62 @@ static void linear_algebra_stage(conformance_case *one) {
     compare(one, "gate", gates, rows * columns);
 }
 
+/* Whether a file is accepted with a byte changed, its end cut off, and the checksum corrected. */
+static double accepts(const uint8_t *file, uint64_t bytes, const double damage[4]) {
+    const uint64_t left = bytes - (uint64_t)damage[2];
+    uint8_t *copy = sky_copy(file, left);
+    copy[(uint64_t)damage[0]] ^= (uint8_t)damage[1];
+    if (damage[3] != 0) {
+        sky_seal(copy, left);
+    }
+    const st_sky sky = {copy, left};
+    const st_status status = st_check_sky(&sky, NULL);
+    free(copy);
+    return status == ST_OK;
+}
+
+static void sky_stage(conformance_case *one) {
+    uint64_t bytes = 0;
+    uint8_t *made = sky_file(json_member(one->input, "sections"), &bytes);
+    uint8_t *file = sky_copy(made, bytes);
+    const st_sky sky = {file, bytes};
+    expect_ok(one, "st_check_sky", st_check_sky(&sky, NULL));
+    double found[16] = {(double)bytes, 0};
+    compare(one, "bytes", found, 1);
+    found[0] = crc32(file + SKY_CHECKED_FROM, bytes - SKY_CHECKED_FROM);
+    compare(one, "checksum", found, 1);
+
+    int32_t index[MOST_PIXELS], range[2];
+    double brightest[MOST_PIXELS], direction[3];
+    const double *axis = input(one, "axis", 3);
+    const int32_t count =
+        stt_stars_in_cone(&sky, axis, *input(one, "radius_rad", 1), index, MOST_PIXELS);
+    for (int32_t i = 0; i < count && i < MOST_PIXELS; ++i) {
+        brightest[i] = index[i];
+    }
+    compare(one, "stars_in_cone", brightest, (size_t)count);
+    found[0] = stt_nearest_star(&sky, axis, 2.0, &found[1]);
+    compare(one, "nearest_pattern_star", found, 1);
+    const double *interval = input(one, "separation_rad", 2);
+    for (int32_t bright = 0; bright < 2; ++bright) {
+        stt_pairs_between(&sky, bright, interval[0], interval[1], range);
+        found[2 * bright] = range[0];
+        found[2 * bright + 1] = range[1];
+    }
+    compare(one, "pairs_between", found, 4);
+    stt_direction_at(&sky, (int32_t)*input(one, "star", 1), *input(one, "years", 1),
+                     input(one, "moved_au", 3), direction);
+    compare(one, "direction", direction, 3);
+    const size_t rows = input_count(one, "damage");
+    const double *damage = input(one, "damage", 4 * rows);
+    for (size_t i = 0; i < rows && i < 16; ++i) {
+        found[i] = accepts(made, bytes, damage + 4 * i);
+    }
+    compare(one, "accepted", found, rows);
+    free(file);
+    free(made);
+}
+
 /* ---- the corpus ---- */
 
 typedef struct {
@@ -225,6 +282,7 @@ static const conformance_stage STAGES[] = {
     {"camera", camera_stage},
     {"rotation", rotation_stage},
     {"linear_algebra", linear_algebra_stage},
+    {"sky", sky_stage},
 };
 
 static int run_stage(const char *folder, const conformance_stage *stage) {

@@ -22,22 +22,27 @@ static int one_of(int count) {
     return (int)(random_bits() % (uint64_t)count);
 }
 
+/* Options that may change from image to image. */
+static void set_live(st_extraction_options *options) {
+    options->threshold = one_of(3);
+    options->method = one_of(5);
+    options->threshold_sigma = within(3, one_of(2) ? 8 : 100);
+    options->threshold_dn = within(0.1, one_of(2) ? 100 : 65535);
+    options->search_period_s = one_of(2) ? 1 : within(0, 3600);
+    options->max_stars = 1 + one_of(one_of(2) ? 40 : 5000);
+    options->max_stars_lost = 1 + one_of(5000);
+}
+
 static st_config any_config(void) {
     static const st_abi ABI = ST_ABI;
     st_config config;
     st_defaults(&config, &ABI);
     config.stages = ST_EXTRACTS;
     st_extraction_options *options = &config.extraction;
-    options->threshold = one_of(3);
-    options->method = one_of(5);
-    options->threshold_sigma = within(3, one_of(2) ? 8 : 100);
-    options->threshold_dn = within(0.1, one_of(2) ? 100 : 65535);
+    set_live(options);
     options->psf_sigma_px = one_of(3) ? 0 : within(0, 5);
     options->exposure_s = one_of(3) ? 0 : within(0, 0.2);
     options->line_time_us = one_of(3) ? 0 : within(0, 1000);
-    options->search_period_s = one_of(2) ? 1 : within(0, 3600);
-    options->max_stars = 1 + one_of(one_of(2) ? 40 : 5000);
-    options->max_stars_lost = 1 + one_of(5000);
     options->readout_up = one_of(2);
     if (one_of(3) == 0) {
         config.capacities.peaks = one_of(200);
@@ -180,7 +185,7 @@ static int is_wrong_on_ground(st_tracker *tracker, const st_image *image, const 
 }
 
 static int tracker_round(void) {
-    const st_config config = any_config();
+    st_config config = any_config();
     st_camera camera;
     memset(&camera, 0, sizeof camera);
     camera.width_px = 1 + one_of(MOST_SIDE);
@@ -204,6 +209,13 @@ static int tracker_round(void) {
     void *left = aligned_alloc(64, left_bytes);
     int has_left = 0;
     for (int i = 0; i < IMAGES && !wrong; ++i) {
+        if (one_of(3) == 0) {
+            set_live(&config.extraction);
+            config.extraction.readout_up ^= 1;
+            wrong |= st_change_options(tracker, &config, NULL) != ST_READ_ONLY;
+            config.extraction.readout_up ^= 1;
+            wrong |= st_change_options(tracker, &config, NULL) != ST_OK;
+        }
         st_image image;
         memset(&image, 0, sizeof image);
         image.cell = one_of(4) ? 1 : 1 + one_of(3);
@@ -224,9 +236,9 @@ static int tracker_round(void) {
         st_extraction found;
         const st_status status = st_extract(tracker, stamp_ns, &image, predictions, count,
                                             stamp_ns - one_of(2000) * 1000000, one_of(2), &found);
-        wrong = (status != ST_OK && status != ST_BAD_INPUT && status != ST_BAD_IMAGE) ||
-                (status == ST_OK && is_wrong(tracker, &found, &config, &image)) ||
-                is_wrong_on_ground(tracker, &image, &config, predictions, count, left, &has_left);
+        wrong |= (status != ST_OK && status != ST_BAD_INPUT && status != ST_BAD_IMAGE) ||
+                 (status == ST_OK && is_wrong(tracker, &found, &config, &image)) ||
+                 is_wrong_on_ground(tracker, &image, &config, predictions, count, left, &has_left);
         if (wrong) {
             size_t stars = 0;
             const st_centroid *star = st_centroids(tracker, &stars);

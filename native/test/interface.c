@@ -139,6 +139,41 @@ static void on_ground(st_tracker *tracker, const st_image *image) {
     free(left);
 }
 
+/* A tracker with the exposure learnt from an image keeps it; no refused call changes anything. */
+static void changes(st_tracker *tracker, const st_config *created, const st_image *image) {
+    st_config config = *created;
+    st_fault fault = {NULL, 0, 0, 0};
+    st_extraction found;
+    CHECK(st_change_options(NULL, &config, &fault) == ST_NULL_POINTER);
+    CHECK(st_change_options(tracker, NULL, &fault) == ST_NULL_POINTER);
+    config.extraction.max_stars = 5001;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_OUT_OF_RANGE);
+    CHECK(strcmp(fault.name, "extraction.max_stars") == 0);
+    config.extraction.max_stars = 20;
+    config.extraction.line_time_us = 20;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_READ_ONLY);
+    CHECK(strcmp(fault.name, "extraction.line_time_us") == 0 && fault.value == 20);
+    CHECK(fault.least == 0 && fault.most == 0);
+    CHECK(st_change_options(tracker, &config, NULL) == ST_READ_ONLY);
+    config = *created;
+    config.epoch_year = 2026;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_READ_ONLY);
+    CHECK(strcmp(fault.name, "epoch_year") == 0);
+    config = *created;
+    config.capacities.predictions += 1;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_READ_ONLY);
+    config = *created;
+    config.abi.config += 8;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_WRONG_VERSION);
+    config = *created;
+    config.extraction.max_stars = 20;
+    config.extraction.method = ST_GREY;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_OK);
+    CHECK(st_extract(tracker, 4, image, NULL, 0, 0, 1, &found) == ST_OK);
+    CHECK(found.exposure_least_s == 0.1 && found.exposure_most_s == 0.1);
+    CHECK(st_change_options(tracker, created, NULL) == ST_OK);
+}
+
 static void trackers(void) {
     static unsigned char pixels[100 * 130 * 2 + 1];
     const st_camera camera = {130, 100, 900, 900, 64.5, 49.5, {0}, ST_PLUMB_BOB, 0};
@@ -203,6 +238,7 @@ static void trackers(void) {
     CHECK(st_extract(tracker, 3, &image, NULL, 0, 0, 1, &found) == ST_BAD_IMAGE);
     image.cell = 1;
     on_ground(tracker, &image);
+    changes(tracker, &config, &image);
     CHECK(st_reset(NULL) == ST_NULL_POINTER && st_reset(tracker) == ST_OK);
     CHECK(st_centroids(NULL, &count) == NULL && st_rejections(NULL, &count) == NULL);
     free(block);

@@ -173,6 +173,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_size': (_STATUS, (_POINTER,) * 4),
     'st_create': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
     'st_reset': (_STATUS, (_POINTER,)),
+    'st_change_options': (_STATUS, (_POINTER,) * 3),
     'st_extract': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _STAMP, _FLAG,
                              _POINTER)),
     'st_centroids': (_POINTER, (_POINTER, _POINTER)),
@@ -240,7 +241,12 @@ def defaults() -> np.ndarray:
 
 
 def check_sky(path: Path) -> None:
-    """Raise NativeError unless the library accepts a sky file; OSError."""
+    """Raise NativeError, which names the file, unless the library accepts a sky file; OSError."""
+    if not path.stat().st_size:
+        raise NativeError(f'{path}: it is empty')
     file, fault = np.memmap(path, np.uint8, 'r'), np.zeros((), FAULT)
     sky = np.array((file.ctypes.data, len(file)), SKY)
-    check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
+    try:
+        check(library().st_check_sky(sky.ctypes.data, fault.ctypes.data), fault)
+    except NativeError as error:
+        raise NativeError(f'{path}: {error}') from error

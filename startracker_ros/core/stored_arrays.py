@@ -29,7 +29,7 @@ import zlib
 import numpy as np
 from startracker_ros.core.folders import cache_folder, limit_cache, mark_used, replaced
 
-FORMAT = 2
+FORMAT = 3
 """
 Of all stored arrays: their layout in a file, and what their builders put into them.
 
@@ -186,12 +186,12 @@ def _why_not_sound(file: BinaryIO) -> str:
     """Return what is wrong with a file of arrays, read from its beginning; empty if nothing is."""
     head = file.read(_HEADER.size)
     if not head.startswith(_MAGIC) or len(head) < _HEADER.size:
-        return 'it is none of this package'
+        return 'it is not a file of this package'
     _, order, checksum, size, layout, _ = _HEADER.unpack(head)
     if order != _BYTE_ORDER or layout != _LAYOUT:
         return 'it was written by another version, or on a machine of another byte order'
     if size != os.fstat(file.fileno()).st_size:
-        return f'it has not the {size} bytes that were written'
+        return f'it does not have the {size} bytes that were written'
     # By reading, not through the map, whose pages would stay in memory.
     found = zlib.crc32(head[_UNCHECKED:])
     while chunk := file.read(_CHUNK):

@@ -6,9 +6,11 @@
 import json
 import shutil
 import subprocess
+import zlib
 
 import cv2
-from golden_vectors import camera_of, difference, FOLDER, plain, STAGES
+from golden_vectors import (
+    camera_of, damaged, difference, FOLDER, is_accepted, plain, sky_file, STAGES)
 from hypothesis import given, settings, strategies as st
 from limits import HANGS_S
 from native_core import build_module, built, call, compiler, filled
@@ -18,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.native import CAMERA
+from startracker_ros.core.centroid.image_tracker import aligned
+from startracker_ros.core.native import CAMERA, SKY
 
 NAMES = list(MODELS)
 
@@ -93,8 +96,26 @@ def linear_algebra_outputs(values):
                  for dof in values['dof']]}
 
 
+def sky_outputs(values):
+    content = sky_file(values['sections'])
+    file = aligned(len(content))
+    file[:] = content
+    sky, square = np.array((file.ctypes.data, len(file)), SKY), np.empty(1)
+    axis, moved_au = np.array(values['axis']), np.array(values['moved_au'])
+    index, pairs, direction = np.empty(64, np.int32), np.empty((2, 2), np.int32), np.empty(3)
+    found = call('stt_stars_in_cone', sky, axis, values['radius_rad'], index, len(index))
+    for bright, limits in enumerate(pairs):
+        call('stt_pairs_between', sky, bright, *values['separation_rad'], limits)
+    call('stt_direction_at', sky, values['star'], values['years'], moved_au, direction)
+    return {'bytes': len(content), 'checksum': zlib.crc32(content[16:]),
+            'stars_in_cone': index[:found], 'pairs_between': pairs.ravel(),
+            'nearest_pattern_star': call('stt_nearest_star', sky, axis, 2.0, square),
+            'direction': direction,
+            'accepted': [is_accepted(damaged(content, *one)) for one in values['damage']]}
+
+
 NATIVE = {'camera': camera_outputs, 'rotation': rotation_outputs,
-          'linear_algebra': linear_algebra_outputs}
+          'linear_algebra': linear_algebra_outputs, 'sky': sky_outputs}
 CASES = [(name, case) for name in NATIVE
          for case in json.loads((FOLDER / f'{name}.json').read_text())['cases']]
 
@@ -121,7 +142,7 @@ def run(name, *arguments, sanitized=False):
 @pytest.mark.parametrize('sanitized', [False, True], ids=['plain', 'sanitized'])
 @pytest.mark.parametrize('name, arguments', [
     ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1]),
-    ('fuzz_images', [300, 1])])
+    ('fuzz_images', [300, 1]), ('fuzz_sky', [FOLDER, 3000, 1])])
 def test_the_runner_finds_nothing(name, arguments, sanitized):
     """Under sanitizers any error of memory, or undefined behaviour, ends the program."""
     done = run(name, *arguments, sanitized=sanitized)
@@ -132,8 +153,9 @@ def test_the_runner_finds_nothing(name, arguments, sanitized):
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [2, 3])
 def test_a_million_impossible_inputs(seed):
-    for name, rounds in (('fuzz', 1_000_000), ('fuzz_images', 2000)):
-        done = run(name, rounds, seed * 10 ** 9, sanitized=True)
+    for name, *arguments in (('fuzz', 1_000_000), ('fuzz_images', 2000),
+                             ('fuzz_sky', FOLDER, 100_000)):
+        done = run(name, *arguments, seed * 10 ** 9, sanitized=True)
         assert done.returncode == 0, done.stdout + done.stderr
 
 

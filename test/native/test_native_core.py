@@ -9,6 +9,7 @@ import subprocess
 
 from limits import HANGS_S
 from native_core import compiler, kernels, ROOT
+from native_extraction import config_of, NativeTracker
 import numpy as np
 import pytest
 from startracker_ros.core import native
@@ -166,6 +167,21 @@ def test_default_and_range_are_those_of_the_package(part, name, row):
         with pytest.raises(NativeError, match=f'{part}.{name} = .* out of its range'):
             native.check(status, fault)
         assert (fault['least'], fault['most']) == (low, high)
+
+
+def test_options_that_may_change_are_those_that_are_live():
+    tracker, fault = NativeTracker((20, 30)), np.zeros((), native.FAULT)
+    for part, name, row in ROWS:
+        config = config_of()
+        config[part][name] = config[part][name] + 1 if row.choices or (
+            config[part][name] == row.low) else row.low
+        status = kernels().st_change_options(tracker.handle, config.ctypes.data,
+                                             fault.ctypes.data)
+        if row.live:
+            assert status == 0, name
+        else:
+            with pytest.raises(NativeError, match=f'{part}.{name} = .* only st_create takes'):
+                native.check(status, fault)
 
 
 def test_a_call_without_memory_is_refused():

@@ -3,11 +3,8 @@
 
 """The native core reads a sky file as the package does, and no damaged one."""
 
-import subprocess
-
 from directions import unit
-from limits import HANGS_S
-from native_core import build_module, built, call, compiler
+from native_core import call
 import numpy as np
 import pytest
 from startracker_ros.core import native
@@ -15,11 +12,10 @@ from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.identify.cache import camera_stars, STARS
-from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.sky_file import sky_arrays
-from startracker_ros.core.stored_arrays import mapped_arrays, StoredArraysError, write_arrays
+from startracker_ros.core.stored_arrays import write_arrays
 
 CAMERA = Camera.from_fov(1024, 1024, 20.0)
 YEAR = 2026.0
@@ -102,7 +98,8 @@ def test_stars_that_have_moved_are_where_they_are_built():
         built_then = onboard_catalog(camera_catalog(CAMERA), CAMERA, year)
         moved = camera_stars(CAMERA, year)
         np.testing.assert_array_equal(moved.hip, built_then.hip)
-        np.testing.assert_allclose(moved.direction, built_then.direction, rtol=0, atol=1e-8)
+        # The catalogue has proper motions of 24 bits, of stars that have moved for 35 years.
+        np.testing.assert_allclose(moved.direction, built_then.direction, rtol=0, atol=2e-10)
 
 
 def test_the_pattern_stars_are_the_first_ones():
@@ -111,33 +108,3 @@ def test_the_pattern_stars_are_the_first_ones():
     for name in ('hip', 'direction', 'magnitude', 'crowded', 'blended'):
         np.testing.assert_array_equal(getattr(stars, name)[:len(patterns)],
                                       getattr(patterns, name))
-
-
-def test_no_damage_is_harmful(tmp_path):
-    camera = Camera.from_fov(512, 512, 60.0)
-    file = tmp_path / 'small.sky'
-    arrays = sky_arrays(camera, YEAR, IdentificationOptions(magnitude_limit=3.5))
-    # Small, so that many are tried: the pattern stars alone.
-    count = len(arrays['pattern_member'])
-    arrays.update({name: arrays[name][:count] for name in STARS},
-                  **{name: arrays[f'pattern_{name}'] for name in ('cells', 'start', 'member')})
-    with file.open('w+b') as opened:
-        write_arrays(opened, arrays)
-    program = built(build_module().runner('sky', compiler(), sanitized=True), 'sky-sanitized')
-    done = subprocess.run([program, file, '500'], capture_output=True, text=True, timeout=HANGS_S)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize('damage, text', [
-    (lambda content: content[:-64], 'bytes of the file'),
-    (lambda content: b'', 'empty file'),
-    (lambda content: content[:8] + content[8:12][::-1] + content[12:], 'mark of the byte order'),
-    (lambda content: b'SIMPLE  ' + content[8:], 'first byte of a sky file'),
-    (lambda content: content[:-1] + b'\x01', 'checksum of the file')])
-def test_a_damaged_file_is_named(path, tmp_path, damage, text):
-    other = tmp_path / 'damaged.sky'
-    other.write_bytes(damage(path.read_bytes()))
-    with pytest.raises((native.NativeError, ValueError), match=text):
-        native.check_sky(other)
-    with pytest.raises(StoredArraysError, match='damaged.sky: it '):
-        mapped_arrays(other)

@@ -3,6 +3,8 @@
 
 """The linters that ROS 2 packages are held to, ruff and mypy find nothing."""
 
+from concurrent.futures import ThreadPoolExecutor
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -56,6 +58,23 @@ def test_sources_of_the_native_core_are_formatted():
         [Path(sysconfig.get_path('scripts'), 'clang-format'), '--dry-run', '-Werror', *files],
         stderr=subprocess.PIPE, text=True, timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('checks', [
+    '--checks=-clang-analyzer-*',
+    # All, in ten times the time: it follows each path through a function.
+    pytest.param('--checks=', marks=pytest.mark.long)], ids=['quick', 'all'])
+def test_clang_tidy_finds_nothing_in_the_native_core(checks):
+    clang_tidy = Path(sysconfig.get_path('scripts'), 'clang-tidy')
+    options = ('-std=c++20', '-fno-exceptions', '-fno-rtti', '-Inative/include', '-Inative/src')
+
+    def found(path):
+        done = subprocess.run([clang_tidy, '--quiet', checks, path, '--', *options], cwd=ROOT,
+                              capture_output=True, text=True, timeout=HANGS_S)
+        return '' if done.returncode == 0 else done.stdout + done.stderr
+    files = sorted((ROOT / 'native' / 'src').rglob('*.cpp'))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        assert ''.join(pool.map(found, files)) == ''
 
 
 def test_every_source_begins_with_its_copyright_and_licence():

@@ -35,7 +35,7 @@ void blur(const Plane<float> &plane, double sigma_px, Arena &arena) {
     const int width = plane.width, height = plane.height;
     const int radius = static_cast<int>(std::nearbyint(2 * REACH_SIGMAS * sigma_px + 1)) / 2;
     double side[MOST_RADIUS + 1], sum = 0.0;
-    float weights[MOST_RADIUS + 1];
+    float weights[MOST_RADIUS + 1] = {};
     for (int k = 0; k <= radius; ++k) {
         side[k] = std::exp(-0.5 / (sigma_px * sigma_px) * k * k);
         sum += k == 0 ? side[k] : 2 * side[k];
@@ -45,17 +45,15 @@ void blur(const Plane<float> &plane, double sigma_px, Arena &arena) {
     }
     // The rows about the one that is written, after the filter along them.
     const int kept = 2 * radius + 1;
-    float *across[2 * MOST_RADIUS + 1];
-    for (int k = 0; k < kept; ++k) {
-        across[k] = arena.take<float>(static_cast<size_t>(width));
-    }
+    auto *rows = arena.take<float>(static_cast<size_t>(width) * static_cast<size_t>(kept));
+    const auto across = [=](int v) { return rows + static_cast<ptrdiff_t>(v % kept) * width; };
     auto *line = arena.take<float>(static_cast<size_t>(width + 2 * radius));
     for (int below = 0; below < height + radius; ++below) {
         if (below < height) {
             const float *row = plane.row(below);
-            float *filtered = across[below % kept];
-            for (int x = -radius; x < width + radius; ++x) {
-                line[radius + x] = row[mirrored(x, width)];
+            float *filtered = across(below);
+            for (int x = 0; x < width + 2 * radius; ++x) {
+                line[x] = row[mirrored(x - radius, width)];
             }
             set_weighted(line + radius, weights[0], width, filtered);
             for (int k = 1; k <= radius; ++k) {
@@ -65,10 +63,10 @@ void blur(const Plane<float> &plane, double sigma_px, Arena &arena) {
         const int v = below - radius;
         if (v >= 0) {
             float *row = plane.row(v);
-            set_weighted(across[v % kept], weights[0], width, row);
+            set_weighted(across(v), weights[0], width, row);
             for (int k = 1; k <= radius; ++k) {
-                add_weighted(across[mirrored(v - k, height) % kept],
-                             across[mirrored(v + k, height) % kept], weights[k], width, row);
+                add_weighted(across(mirrored(v - k, height)), across(mirrored(v + k, height)),
+                             weights[k], width, row);
             }
         }
     }

@@ -357,7 +357,7 @@ double full_scale(const Image &image, const uint16_t *row_max, double background
             return brightest;
         }
     }
-    return has_flat_top(image, row_max, brightest) ? brightest : INFINITY;
+    return has_flat_top(image, row_max, brightest) ? static_cast<double>(brightest) : INFINITY;
 }
 
 }  // namespace st

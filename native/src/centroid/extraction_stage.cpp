@@ -46,14 +46,10 @@ ExtractionStage::Shown ExtractionStage::Shown::of(const Extraction &extraction) 
 }
 
 ExtractionStage::ExtractionStage(const st_config &config, int width, int height, Arena &arena)
-    : limits_(limits_of(config, width, height)), extractor_(config.extraction, limits_) {
-    const st_extraction_options &options = config.extraction;
-    line_time_s_ = options.line_time_us * 1e-6;
-    given_exposure_s_ = options.exposure_s;
-    search_period_ns_ = static_cast<int64_t>(std::nearbyint(options.search_period_s * 1e9));
-    max_stars_ = options.max_stars;
-    max_stars_lost_ =
-        options.max_stars_lost > max_stars_ ? options.max_stars_lost : options.max_stars;
+    : limits_(limits_of(config, width, height)) {
+    set_options(config.extraction);
+    line_time_s_ = config.extraction.line_time_us * 1e-6;
+    given_exposure_s_ = config.extraction.exposure_s;
     for (Searched &one : searched_) {
         one.mesh.level = arena.take<double>(most_tiles(width, height));
         one.mesh.noise = arena.take<double>(most_tiles(width, height));
@@ -62,6 +58,14 @@ ExtractionStage::ExtractionStage(const st_config &config, int width, int height,
     near_ = empty_extraction(limits_, arena);
     stale_rows_.take_memory(width, height, arena);
     reset();
+}
+
+void ExtractionStage::set_options(const st_extraction_options &options) {
+    extractor_ = Extractor(options, limits_);
+    search_period_ns_ = static_cast<int64_t>(std::nearbyint(options.search_period_s * 1e9));
+    max_stars_ = options.max_stars;
+    max_stars_lost_ =
+        options.max_stars_lost > max_stars_ ? options.max_stars_lost : options.max_stars;
 }
 
 void ExtractionStage::reset() {

@@ -28,6 +28,9 @@ public:
     /// Take what stays between images out of the arena; then work_bytes() have to be left.
     ExtractionStage(const st_config &config, int width, int height, Arena &arena);
 
+    /// Use other values of the options that are live; what images have shown stays.
+    void set_options(const st_extraction_options &options);
+
     /// Forget the images before: the next one is searched as a whole.
     void reset();
 

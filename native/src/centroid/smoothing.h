@@ -25,13 +25,14 @@ struct Kernel {
 /// to noise ratio.
 Kernel gaussian_kernel(double sigma_px);
 
-/// Return the place of an index in an image that is mirrored at its borders; count > 1.
+/// Return the place of an index in an image that is mirrored at its borders.
 inline int mirrored(int index, int count) {
     if (0 <= index && index < count) {
         return index;
     }
-    index = (index < 0 ? -index : index) % (2 * count - 2);
-    return index < 2 * count - 2 - index ? index : 2 * count - 2 - index;
+    const int period = count > 1 ? 2 * count - 2 : 1;
+    index = (index < 0 ? -index : index) % period;
+    return index < period - index ? index : period - index;
 }
 
 /// Fill line (width + 2 radius) with the middle one of rows (2 radius + 1) of an image after the

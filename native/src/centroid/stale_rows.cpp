@@ -101,7 +101,8 @@ RowRange StaleRows::compare(const Image &image) {
     if (stale == 0 || changes > 1) {
         return {0, 0};
     }
-    return {first, is_stale ? image.height - 1 : last};
+    // Dark rows above the first one say nothing of an image whose other rows are all equal.
+    return {stale == noisy ? 0 : first, is_stale ? image.height - 1 : last};
 }
 
 /// Whether a row has the noise of pixels.

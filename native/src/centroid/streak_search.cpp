@@ -4,13 +4,12 @@
 #include "centroid/streak_search.h"
 
 #include <cmath>
-#include <cstring>
 
 #include "centroid/blur.h"
 #include "centroid/connected.h"
 #include "centroid/misfit.h"
+#include "centroid/streak_filter.h"
 #include "centroid/streak_fit.h"
-#include "maths/lanes.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -29,10 +28,6 @@ constexpr int FITTED = 12;              // spots, the brightest that agree
 constexpr int FIT_ITERATIONS = 12;
 constexpr double MOST_LENGTH_ERROR = 0.3;  // of a fit, relative
 constexpr double SIGMA_FLOOR_PX = 0.05;
-constexpr double LEAST_WEIGHT = 1e-4;  // of the filter, over that of its middle: less is left out
-constexpr int NOISE_SAMPLES = 7;       // one pixel of so many along each axis
-constexpr int MOST_REACH_PX = 256;     // of the filter; a longer streak is cut
-constexpr int BLOCK = 8 * LANES;       // pixels filtered at a time
 
 // --- the streak on which spots agree ---
 
@@ -196,131 +191,7 @@ int most_agreed(const Spots &spots) {
     return most < AGREEING_SHARE * all ? -1 : best;
 }
 
-// --- the filter of a streak ---
-
-/// The flux of a unit streak about the middle of an image: rows of weights, those from first to
-/// end - 1 of which count.
-struct StreakKernel {
-    int across, down;
-    float *weight;
-    int *first, *end;
-
-    int columns() const { return 2 * across + 1; }
-    int rows() const { return 2 * down + 1; }
-    float *row(int y) const { return weight + static_cast<ptrdiff_t>(y) * columns(); }
-};
-
-int reach_of(double streak_px, double sigma_px) {
-    const double reach = std::ceil(std::fabs(streak_px) / 2 + (2.5 * sigma_px + 1));
-    return reach < MOST_REACH_PX ? static_cast<int>(reach) : MOST_REACH_PX;
-}
-
-/// Return the kernel over its energy: the filtered image is the flux.
-StreakKernel kernel_of(const Streak &streak, double sigma_px, Arena &arena) {
-    StreakKernel kernel{};
-    kernel.across = reach_of(streak.u_px, sigma_px);
-    kernel.down = reach_of(streak.v_px, sigma_px);
-    const int rows = kernel.rows(), columns = kernel.columns();
-    kernel.weight = arena.take<float>(static_cast<size_t>(rows) * static_cast<size_t>(columns));
-    kernel.first = arena.take<int>(static_cast<size_t>(rows));
-    kernel.end = arena.take<int>(static_cast<size_t>(rows));
-    StreakStar star = streak_at({0.0, 0.0}, {streak.u_px, streak.v_px}, sigma_px);
-    const StreakShape shape(star);
-    const double least = LEAST_WEIGHT * shape.share_at(0.0, 0.0);
-    double energy = 0.0;
-    for (int y = 0; y < rows; ++y) {
-        float *row = kernel.row(y);
-        kernel.first[y] = columns;
-        kernel.end[y] = 0;
-        for (int x = 0; x < columns; ++x) {
-            const double share = shape.share_at(x - kernel.across, y - kernel.down);
-            row[x] = static_cast<float>(share);
-            energy += share * share;
-            if (share > least) {
-                kernel.first[y] = kernel.first[y] < x ? kernel.first[y] : x;
-                kernel.end[y] = x + 1;
-            }
-        }
-    }
-    for (int k = 0; k < rows * columns; ++k) {
-        kernel.weight[k] = static_cast<float>(static_cast<double>(kernel.weight[k]) / energy);
-    }
-    return kernel;
-}
-
-/// Fill target (width) with the filtered row whose lines of the kernel are given, each extended by
-/// its reach across on both sides, and further to a whole block.
-void filter_row(const StreakKernel &kernel, const float *const *line, int width, float *target) {
-    for (int x = 0; x < width; x += BLOCK) {
-        // So many sums that none waits for the one before.
-        Lanes a{}, b{}, c{}, d{}, e{}, f{}, g{}, h{};
-        for (int y = 0; y < kernel.rows(); ++y) {
-            const float *row = kernel.row(y), *from = line[y] + x;
-            for (int k = kernel.first[y]; k < kernel.end[y]; ++k) {
-                const Lanes weight = all_of(row[k]);
-                a += weight * load(&from[k]);
-                b += weight * load(&from[k + LANES]);
-                c += weight * load(&from[k + 2 * LANES]);
-                d += weight * load(&from[k + 3 * LANES]);
-                e += weight * load(&from[k + 4 * LANES]);
-                f += weight * load(&from[k + 5 * LANES]);
-                g += weight * load(&from[k + 6 * LANES]);
-                h += weight * load(&from[k + 7 * LANES]);
-            }
-        }
-        const Lanes sums[BLOCK / LANES] = {a, b, c, d, e, f, g, h};
-        const int whole = width - x < BLOCK ? width - x : BLOCK;
-        std::memcpy(target + x, sums, static_cast<size_t>(whole) * sizeof(float));
-    }
-}
-
-/// Replace plane by itself after the filter; the image is mirrored at its borders.
-void filter(const Plane<float> &plane, const StreakKernel &kernel, Arena &arena) {
-    const Arena::Scope scope(arena);
-    const int width = plane.width, height = plane.height, kept = kernel.rows();
-    const int extended = width + 2 * kernel.across + BLOCK;
-    const auto length = static_cast<size_t>(extended);
-    auto *lines = arena.take<float>(length * static_cast<size_t>(kept));
-    auto **line = arena.take<const float *>(static_cast<size_t>(kept));
-    const auto line_of = [=](int v) {
-        return lines + static_cast<ptrdiff_t>(v % kept) * extended;
-    };
-    for (int below = 0; below < height + kernel.down; ++below) {
-        if (below < height) {
-            const float *row = plane.row(below);
-            float *extension = line_of(below);
-            for (int x = 0; x < extended; ++x) {
-                const int u = x - kernel.across;
-                extension[x] = row[0 <= u && u < width ? u : mirrored(u, width)];
-            }
-        }
-        const int v = below - kernel.down;
-        if (v >= 0) {
-            for (int y = 0; y < kept; ++y) {
-                line[y] = line_of(mirrored(v + y - kernel.down, height));
-            }
-            filter_row(kernel, line, width, plane.row(v));
-        }
-    }
-}
-
-/// Return the noise of an image by a part of its pixels.
-double noise_of(const Plane<float> &flux, Arena &arena) {
-    const Arena::Scope scope(arena);
-    const int most = (flux.width / NOISE_SAMPLES + 1) * (flux.height / NOISE_SAMPLES + 1);
-    auto *sample = arena.take<float>(static_cast<size_t>(most));
-    int count = 0;
-    for (int v = 0; v < flux.height; v += NOISE_SAMPLES) {
-        for (int u = 0; u < flux.width; u += NOISE_SAMPLES) {
-            sample[count++] = flux.at(u, v);
-        }
-    }
-    const auto level = static_cast<float>(median(sample, count));
-    for (int k = 0; k < count; ++k) {
-        sample[k] = std::fabs(sample[k] - level);
-    }
-    return SIGMA_PER_MAD * median(sample, count);
-}
+// --- peaks of the filtered image ---
 
 struct FluxPeak {
     float flux;
@@ -446,30 +317,25 @@ int search_streaks(const Frame &frame, const Streak &streak, double sigma_px,
         arena.take<float>(static_cast<size_t>(width) * static_cast<size_t>(height)), width,
         height};
     auto *peaks = arena.take<FluxPeak>(MOST_STREAK_PEAKS);
-    // No row or column is mirrored in itself.
-    if (peaks == nullptr || width < 2 || height < 2) {
+    if (peaks == nullptr) {
         return 0;
     }
     above_background(frame, flux, arena);
-    filter(flux, kernel_of(streak, sigma_px, arena), arena);
-    const double noise = noise_of(flux, arena);
+    const double noise = filter_streaks(flux, streak, sigma_px, threshold_sigmas, arena);
     const int count = find_peaks(flux, static_cast<float>(threshold_sigmas * noise), peaks);
     return keep_alone(peaks, count, streak, sigma_px, places, arena);
 }
 
 size_t streak_search_bytes(int width, int height) {
     const auto w = static_cast<size_t>(width), h = static_cast<size_t>(height);
-    const size_t reach = MOST_REACH_PX, rows = 2 * reach + 1;
     // Of the background, of the blur and of the numbers of spots; they follow each other.
     const size_t image = Arena::padded<float>(w * h);
     const size_t spots = 2 * image + Arena::padded<int32_t>((w + 1) / 2 * ((h + 1) / 2) + 1) +
                          Arena::padded<Sums>(MOST_NUMBERS) + 2 * Arena::padded<int>(MOST_NUMBERS);
     const size_t blurred = 2 * image + 34 * Arena::padded<float>(w + 64);
-    const size_t search =
-        image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) + Arena::padded<float>(rows * rows) +
-        2 * Arena::padded<int>(rows) + Arena::padded<float>((w + 2 * reach + BLOCK) * rows) +
-        Arena::padded<const float *>(rows) + Arena::padded<float>((w / 7 + 1) * (h / 7 + 1)) +
-        Arena::padded<double>(MOST_STREAK_PEAKS);
+    const size_t search = image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) +
+                          Arena::padded<double>(MOST_STREAK_PEAKS) +
+                          streak_filter_bytes(width, height);
     const size_t most = spots > blurred ? spots : blurred;
     return (most > search ? most : search) + streak_fit_bytes(FITTED);
 }

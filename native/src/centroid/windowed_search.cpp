@@ -60,7 +60,7 @@ Highest highest_inside(const Image &image, const Kernel &kernel, const Box &box,
                     across + y * columns);
         }
     }
-    Highest best{-INFINITY, -1, -1};
+    Highest best{-HUGE_VAL, -1, -1};
     for (int y = 0; y < box.rows(); ++y) {
         double line[MOST_SIDE] = {};
         for (int k = 0; k <= 2 * radius; ++k) {
@@ -79,7 +79,7 @@ Highest highest_inside(const Image &image, const Kernel &kernel, const Box &box,
 
 /// Return the highest value of the filtered image in a box.
 Highest highest_in(const Image &image, const Kernel &kernel, const Box &box, Arena &arena) {
-    Highest best{-INFINITY, -1, -1};
+    Highest best{-HUGE_VAL, -1, -1};
     if (box.left > box.right || box.top > box.bottom) {
         return best;
     }
@@ -143,7 +143,7 @@ bool peaks_near(const Image &image, const Kernel &kernel, const Mesh &mesh,
         if (best.value - level < (least > threshold.dn ? least : threshold.dn)) {
             continue;
         }
-        double around[3][3], highest = -INFINITY;
+        double around[3][3], highest = -HUGE_VAL;
         for (int y = 0; y < 3; ++y) {
             for (int x = 0; x < 3; ++x) {
                 around[y][x] = filtered_at(image, kernel, best.u + x - 1, best.v + y - 1);

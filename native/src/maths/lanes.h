@@ -10,32 +10,26 @@
 
 namespace st {
 
-constexpr int LANES = 4;
-using Lanes = float __attribute__((vector_size(LANES * sizeof(float))));
+/// What one register has of them.
+template <class T>
+struct Register {
+    typedef T Type __attribute__((vector_size(16)));  // `using` takes no attribute with g++
+};
+using Lanes = Register<float>::Type;
+using Pair = Register<double>::Type;  // of more digits
+constexpr int LANES = 4, PAIR = 2;
 
 /// Return the numbers from an address on, of any alignment, and write them there.
-inline Lanes load(const float *from) {
-    Lanes lanes;
-    std::memcpy(&lanes, from, sizeof(lanes));
-    return lanes;
+template <class T>
+typename Register<T>::Type load(const T *from) {
+    typename Register<T>::Type numbers;
+    std::memcpy(&numbers, from, sizeof(numbers));
+    return numbers;
 }
 
-inline void store(float *to, Lanes lanes) {
-    std::memcpy(to, &lanes, sizeof(lanes));
-}
-
-/// Two numbers of more digits.
-constexpr int PAIR = 2;
-using Pair = double __attribute__((vector_size(PAIR * sizeof(double))));
-
-inline Pair load(const double *from) {
-    Pair pair;
-    std::memcpy(&pair, from, sizeof(pair));
-    return pair;
-}
-
-inline void store(double *to, Pair pair) {
-    std::memcpy(to, &pair, sizeof(pair));
+template <class T>
+void store(T *to, typename Register<T>::Type numbers) {
+    std::memcpy(to, &numbers, sizeof(numbers));
 }
 
 inline Lanes all_of(float value) {

@@ -14,8 +14,7 @@ namespace {
 
 /// Return the step of the k-vector that a separation falls into, the first one for NaN.
 int32_t step_of(const Pairs &pairs, double separation_rad) {
-    const double step = (separation_rad - pairs.first_rad) * pairs.steps_per_rad;
-    return step > 0 ? static_cast<int32_t>(std::fmin(step, pairs.pairs)) : 0;
+    return clipped((separation_rad - pairs.first_rad) * pairs.steps_per_rad, pairs.pairs);
 }
 
 }  // namespace
@@ -47,16 +46,19 @@ int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad
             return;
         }
         ++found;
-        // A heap with the faintest star, that of the largest index, in front.
-        if (kept == capacity && kept > 0 && star < index[0]) {
-            std::pop_heap(index, index + kept--);
-        }
         if (kept < capacity) {
             index[kept++] = star;
+            if (kept == capacity) {
+                // The faintest star, that of the largest index, is then in front.
+                std::make_heap(index, index + kept);
+            }
+        } else if (kept > 0 && star < index[0]) {
+            std::pop_heap(index, index + kept);
+            index[kept - 1] = star;
             std::push_heap(index, index + kept);
         }
     });
-    std::sort_heap(index, index + kept);
+    std::sort(index, index + kept);
     return found;
 }
 

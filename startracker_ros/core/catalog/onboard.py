@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
@@ -40,8 +41,8 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
-    motion (N, 3) is the proper motion in rad a year, parallax_rad (N,) the parallax. stored is
-    where the arrays are mapped from, sky_share the share of the sky that it covers.
+    motion (N, 3) and parallax_rad (N,) are those of StarCatalog.changes(). stored is where the
+    arrays are mapped from, sky_share the share of the sky that it covers.
     """
 
     hip: np.ndarray
@@ -82,9 +83,10 @@ class OnboardCatalog:
         count = int(np.count_nonzero(self.magnitude.astype(np.float32) <= np.float32(limit)))
         if count == len(self):
             return self
-        return replace(self, **{
+        brightest: dict[str, Any] = {
             name: value[:count] for name, value in vars(self).items()
-            if isinstance(value, np.ndarray)})
+            if isinstance(value, np.ndarray)}
+        return replace(self, **brightest)
 
     def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return the star indices (M,) up to radius_rad from center (3,), brightest first."""
@@ -134,7 +136,9 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     if its total magnitude is within the limit. All stars of the catalogue are components and
     neighbours, so the direction of an entry does not depend on the limit.
     """
-    direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
+    earth_au = earth_position_au(epoch_year)
+    direction = catalog.directions(epoch_year, earth_au)
+    velocity, parallax_rad = catalog.changes(epoch_year, earth_au)
     pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
     merged, entry = np.unique(lowest_connected(
         pairs[square <= _chord(merge_rad) ** 2], len(catalog)), return_inverse=True)
@@ -157,10 +161,10 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
         chosen[brightest_everywhere(direction[order], least_density)] = True
     order = order[chosen]
     rows = brightest[order]
-    motion = catalog.directions(epoch_year + 1) - catalog.directions(epoch_year)
-    # Of the photocentre, as the direction.
-    motion, parallax = (np.stack([np.bincount(entry, flux * axis, count) for axis in of.T], -1)
-                        / length for of in (motion, catalog.parallax_rad[:, None]))
+    motion, parallax = (
+        # Of the photocentre, as the direction.
+        np.stack([np.bincount(entry, flux * axis, count) for axis in of.T], -1) / length
+        for of in (velocity, parallax_rad[:, None]))
     return OnboardCatalog(catalog.hip[rows], direction[order], magnitude[order], crowded[order],
                           blended[order], crowd_rad, catalog.variation_mag[rows],
                           motion[order].astype(np.float32),

@@ -80,6 +80,25 @@ class StarCatalog:
         Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5), with a radial
         velocity of zero except for RADIAL_VELOCITY_KM_S. Without a position there is no parallax.
         """
+        moved = self._places(epoch_year, observer_au)
+        moved /= _lengths(moved)
+        return moved
+
+    def changes(self, epoch_year: float, observer_au: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return what changes directions() after a Julian year: velocity (N, 3), parallax_rad (N,).
+
+        Both are in units of the distance at epoch_year, the velocity in rad a year, with that
+        along the line of sight. From moved_au (3,) farther a star is later seen exactly along
+        direction + years * velocity - parallax_rad * moved_au, which is no unit vector.
+        """
+        distance = _lengths(self._places(epoch_year, observer_au))
+        # The same at all times; there it is not the difference of long ways.
+        velocity = self._places(CATALOG_EPOCH_YEAR + 1) - self._places(CATALOG_EPOCH_YEAR)
+        return velocity / distance, self.parallax_rad / distance[:, 0]
+
+    def _places(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
+        """Return the vectors (N, 3) of directions(), in units of the distance at J1991.25."""
         sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
         sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
         years = epoch_year - CATALOG_EPOCH_YEAR
@@ -100,8 +119,12 @@ class StarCatalog:
             moved[row] += years * au_yr * parallax_rad[row] * np.array(at_epoch)
         if observer_au is not None:
             moved -= parallax_rad[:, None] * observer_au
-        moved /= np.sqrt(np.einsum('ij,ij->i', moved, moved))[:, None]
         return moved
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Return the lengths (N, 1) of vectors (N, 3)."""
+    return np.sqrt(np.einsum('ij,ij->i', vectors, vectors))[:, None]
 
 
 @lru_cache(maxsize=1)

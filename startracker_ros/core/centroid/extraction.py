@@ -30,23 +30,23 @@ class ExtractionOptions(Options):
     threshold: str = option(
         'sigma', 'threshold of the pixels of a star: sigma: 3 times their noise; fixed: '
         'threshold_dn, for detection too; iterative: computed in the window of the star',
-        choices=THRESHOLDS)
+        choices=THRESHOLDS, live=True)
     threshold_sigma: float = option(
         5.5, 'detection threshold above the local background, in standard deviations of the '
         'filtered image',
-        low=3.0, high=100.0)
+        low=3.0, high=100.0, live=True)
     threshold_dn: float = option(
         50.0, 'fixed detection threshold above the local background', unit='DN', low=0.1,
-        high=65535.0)
+        high=65535.0, live=True)
     method: str = option(
         'gaussian', 'gaussian: fit of the point spread function; others: mean of the pixels of '
         'a star with weight 1, flux, flux squared, flux above the threshold',
-        choices=(*WEIGHTS, 'gaussian'))
+        choices=(*WEIGHTS, 'gaussian'), live=True)
     psf_sigma_px: float = option(
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
         unit='px', low=0.0, high=5.0)
     max_stars: int = option(
-        40, 'maximum number of stars, the brightest ones', low=1, high=5000)
+        40, 'maximum number of stars, the brightest ones', low=1, high=5000, live=True)
     exposure_s: float = option(
         0.0, 'exposure time of the images; 0: that of exposure_start, without it learnt from the '
         'length of streaks', unit='s', low=0.0, high=600.0)

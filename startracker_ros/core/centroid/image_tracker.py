@@ -21,6 +21,7 @@ KINDS = ('edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide'
 
 _ALIGNMENT = 64
 _EXTRACTS = 1  # ST_EXTRACTS
+_MOST = 5000  # the largest capacity of predictions and centroids
 _COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of an st_centroid
 _NAMES = native.EXTRACTION.names or ()
 
@@ -61,11 +62,7 @@ class ImageTracker:
     def __init__(self, shape: tuple[int, int], options: dict[str, Any]) -> None:
         self.shape = shape
         self._library = native.library()
-        config, camera, fault = native.defaults(), _any_camera(shape), np.zeros((), native.FAULT)
-        config['stages'] = _EXTRACTS
-        config['capacities']['predictions'] = 5000
-        for name, value in options.items():
-            config['extraction'][name] = value
+        config, camera, fault = _config(options), _any_camera(shape), np.zeros((), native.FAULT)
         size, self._handle = ctypes.c_size_t(), ctypes.c_void_p()
         given = config.ctypes.data, camera.ctypes.data, None
         try:
@@ -85,6 +82,12 @@ class ImageTracker:
     def is_of(self, image: np.ndarray, cell: int = 1) -> bool:
         """Return whether an image is one of the camera, of which each pixel is cell x cell."""
         return (self.shape[0] // cell, self.shape[1] // cell) == image.shape
+
+    def change_options(self, options: dict[str, Any]) -> None:
+        """Use options of which only live ones differ; NativeError for others."""
+        fault = np.zeros((), native.FAULT)
+        native.check(self._library.st_change_options(
+            self._handle, _config(options).ctypes.data, fault.ctypes.data), fault)
 
     def reset(self) -> None:
         """Forget the images before."""
@@ -189,6 +192,16 @@ def aligned(size: int) -> np.ndarray:
     block = np.empty(size + _ALIGNMENT, np.uint8)
     first = -block.ctypes.data % _ALIGNMENT
     return block[first:first + size]
+
+
+def _config(options: dict[str, Any]) -> np.ndarray:
+    """Return the st_config of a tracker that extracts, with room for any change of options."""
+    config = native.defaults()
+    config['stages'] = _EXTRACTS
+    config['capacities']['predictions'] = config['capacities']['centroids'] = _MOST
+    for name, value in options.items():
+        config['extraction'][name] = value
+    return config
 
 
 def _any_camera(shape: tuple[int, int]) -> np.ndarray:

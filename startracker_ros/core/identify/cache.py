@@ -4,6 +4,7 @@
 """Catalogues and pairs of cameras in the user's cache, keyed by what they are built from."""
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -41,8 +42,8 @@ def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
                  most_cells)
     stored = stored_arrays('catalogue', key, build)
     arrays = stored.arrays
-    onboard = OnboardCatalog(**{name: arrays[name] for name in STARS},
-                             crowd_rad=float(arrays['crowd_rad']), stored=stored,
+    stars: dict[str, Any] = {name: arrays[name] for name in STARS}
+    onboard = OnboardCatalog(**stars, crowd_rad=float(arrays['crowd_rad']), stored=stored,
                              epoch_year=epoch_year)
     # What is otherwise computed when first used.
     vars(onboard).update(digest=key, grid=SkyGrid(

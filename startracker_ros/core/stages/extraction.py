@@ -20,11 +20,11 @@ class SearchOptions(Options):
     search_period_s: float = option(
         1.0, 'time between two images that are searched as a whole while the star tracker '
         'predicts where its stars are; in the others only these are measured; 0: every image '
-        'is searched', unit='s', low=0.0, high=3600.0)
+        'is searched', unit='s', low=0.0, high=3600.0, live=True)
     max_stars_lost: int = option(
         160, 'maximum number of stars while the star tracker is lost: max_stars in the first '
         'two images, then twice as many in every further two, for stars among brighter spots',
-        low=1, high=5000)
+        low=1, high=5000, live=True)
 
 
 class ExtractionStage:
@@ -40,11 +40,17 @@ class ExtractionStage:
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
                  search: SearchOptions = SearchOptions()) -> None:
+        self._tracker: ImageTracker | None = None
+        self.windowed = False
+        self.set_options(options, search)
+
+    def set_options(self, options: ExtractionOptions, search: SearchOptions) -> None:
+        """Use options of which only live ones differ from those before; nothing is forgotten."""
         self.extractor = CentroidExtractor(options)
         self._options = native_options(options) | {
             'search_period_s': search.search_period_s, 'max_stars_lost': search.max_stars_lost}
-        self._tracker: ImageTracker | None = None
-        self.windowed = False
+        if self._tracker is not None:
+            self._tracker.change_options(self._options)
 
     def reset(self) -> None:
         """Forget the images before: the next one is searched as a whole."""

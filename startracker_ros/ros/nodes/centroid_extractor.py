@@ -57,6 +57,9 @@ class CentroidExtractorNode(CameraNode):
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
 
+    def set_live_options(self) -> None:
+        self._stage.set_options(self.options(ExtractionOptions), self.options(SearchOptions))
+
     def get_ready(self) -> None:
         if self.has_publisher(self.frame_topic):
             self.report_camera()

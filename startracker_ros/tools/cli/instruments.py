@@ -95,7 +95,7 @@ def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any)
               help='Tolerance of the focal length, for which there are pairs.')
 @json_option
 def sky(output: Path, fov_deg: float | None, camera_file: Path | None, epoch_year: float | None,
-        band: str, as_json: bool, **limits: float) -> None:
+        band: str, as_json: bool, **limits: Any) -> None:
     """
     Write the sky file of the native core for a camera: stars, cells, pairs of stars.
 

@@ -121,6 +121,19 @@ def test_approaching_stars_agree_with_the_light_time_of_erfa(year):
     assert error.max() < 0.01 * ARCSEC
 
 
+def test_changes_lead_from_one_year_to_another():
+    catalog = load_catalog()
+    here_au, there_au = np.array([0.3, -0.8, -0.4]), np.array([-0.7, 0.6, 0.3])
+    velocity, parallax_rad = catalog.changes(2026.0, here_au)
+    for year in (2026.5, 2036.0, 1991.25):
+        seen = (catalog.directions(2026.0, here_au) + (year - 2026.0) * velocity
+                - parallax_rad[:, None] * (there_au - here_au))
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        # directions() has what stars have moved by in 24 bits: 200 arcsec of Barnard's star.
+        error = separation_rad(seen, catalog.directions(year, there_au))
+        assert error.max() < 3e-10
+
+
 def test_a_thousand_stars_agree_with_skyfield_from_1991_to_2050():
     catalog = load_catalog()
     fastest = np.argsort(-np.hypot(catalog.pm_ra_mas_yr, catalog.pm_dec_mas_yr))[:100]

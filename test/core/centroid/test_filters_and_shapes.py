@@ -63,6 +63,46 @@ def test_narrow_and_wide_shapes():
     assert not wide[0] and wide[2]
 
 
+def measured(image, peaks):
+    """Return stars and kinds of rejection after fits from peaks (K, 3) u, v, height."""
+    field = field_without_background(np.round(image).astype(np.uint16), BACKGROUND, 10.0)
+    rows = [[u, v, 0.0, 0.0, height, BACKGROUND, 10.0] for u, v, height in peaks]
+    found, _ = native_fits.measure_points(field._replace(peaks=np.array(rows, float)), 1.0)
+    return found.stars, sorted(native_fits.KINDS[kind] for kind in found.rejected['kind'])
+
+
+def stars_of(*stars, side_px=48):
+    noise = np.random.default_rng(3).normal(BACKGROUND, 10, (side_px, side_px))
+    return noise + sum(psf_image(np.array([*one, 0.0, 1.0]), side_px) for one in stars)
+
+
+def test_a_fit_that_drifts_from_its_peak_is_of_something_else():
+    image = stars_of((24.0, 24.0, 5000.0))
+    (star_found,), kinds = measured(image, [(25, 24, 400.0)])
+    assert (star_found['u'], star_found['v']) == pytest.approx((24, 24), abs=0.05) and not kinds
+    stars, kinds = measured(image, [(26, 24, 400.0)])
+    assert len(stars) == 0 and kinds == ['not_fitted']
+
+
+def test_two_fits_of_the_same_star_are_one():
+    one, other = (24.0, 24.0, 5000.0), (26.5, 24.0, 4000.0)
+    stars, kinds = measured(stars_of(one), [(24, 24, 500.0), (25, 24, 400.0)])
+    assert len(stars) == 1 and kinds == ['not_fitted']
+    stars, kinds = measured(stars_of(one, other), [(24, 24, 500.0), (26, 24, 400.0)])
+    assert len(stars) == 2 and not kinds
+    np.testing.assert_allclose(stars['u'], [one[0], other[0]], atol=0.1)
+
+
+def test_pieces_of_an_elongated_spot_are_elongated():
+    y, x = np.mgrid[:48, :48] - 24.0
+    image = stars_of((8.0, 40.0, 5000.0)) + 400 * np.exp(-(x - y) ** 2 / 4 - (x + y) ** 2 / 100)
+    stars, kinds = measured(image, [(8, 40, 500.0), (24, 24, 400.0)])
+    assert len(stars) == 1 and kinds == ['elongated']
+    # A piece at its end is round, its neighbour is not.
+    stars, kinds = measured(image, [(8, 40, 500.0), (24, 24, 400.0), (29, 29, 150.0)])
+    assert len(stars) == 1 and kinds == ['elongated', 'elongated']
+
+
 @pytest.mark.parametrize('width', [0.6, 0.66, 1.2, 1.5, 1.7])
 def test_narrow_and_wide_by_the_chi_square_of_another_width(width):
     """A star of half the width, or of twice that, fits better by MARGIN or does not."""

@@ -39,7 +39,7 @@ from startracker_ros.photographs.sky_triangles import sky_triangles
 BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 RECORDED = {
     1: '9138a28f44de102d6051a243bdbb18a1d4421b9745898394621756af86695683',
-    2: 'd88434091a2bd60d7336747c42641012c602868d186fcd1a66c2677199c5ce1d'}
+    3: 'fcad0ee6f7bef53675eecfa07bedffd205865288fb7ae410c9dd19b5af646971'}
 """Digest of what is built, by the FORMAT that it has."""
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 

@@ -10,6 +10,7 @@ from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.core.native import NativeError
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
@@ -50,6 +51,18 @@ def test_one_image_a_second_is_searched_while_tracking():
     windowed = [pipeline.extraction.windowed for pipeline, *_ in run(25, (0.1, 0.0, 0.0))]
     assert not any(windowed[:3]) and 16 <= sum(windowed) <= 22
     assert not all(windowed[5:])
+
+
+def test_live_options_hold_from_the_next_image_on_and_nothing_is_forgotten():
+    for index, (pipeline, result, _) in enumerate(run(9, (0.1, 0.0, 0.0))):
+        count = len(result.centroids)
+        if index == 6:
+            assert pipeline.extraction.windowed and count > 8
+            pipeline.extraction.set_options(ExtractionOptions(max_stars=8, method='grey'),
+                                            SearchOptions())
+    assert pipeline.extraction.windowed and count == 8
+    with pytest.raises(NativeError, match='extraction.line_time_us = 9 .* only st_create takes'):
+        pipeline.extraction.set_options(ExtractionOptions(line_time_us=9.0), SearchOptions())
 
 
 @pytest.mark.slow
