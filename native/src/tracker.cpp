@@ -326,7 +326,9 @@ st_status st_change_options(st_tracker *tracker, const st_config *config, st_fau
         return ST_READ_ONLY;
     }
     tracker->config = *config;
-    tracker->extraction.set_options(config->extraction);
+    if (has_stage(*tracker, ST_EXTRACTS)) {
+        tracker->extraction.set_options(config->extraction);
+    }
     return ST_OK;
 }
 
