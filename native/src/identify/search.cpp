@@ -20,10 +20,10 @@ constexpr double PREDICTION_COST_NS = 60.0, VERIFICATION_COST_NS = 500.0;
 // larger error, or less support than a chance one. Looked at after so many triangles.
 constexpr double MISSED = 0.02, FINDS = 0.5;
 constexpr int LOOK_PERIOD = 16;
-// After so much work it counts as searched if a field would have been found of which this share of
-// the image stars is true, so many at most: else a list without a sky would be searched for long.
-// Of more spots than a field has stars many are false, and most triangles: work grows with them.
-constexpr double PATIENCE_NS = 4e7, PATIENT_STARS = 60.0, TRUE_SHARE = 0.25, MOST_TRUE = 12.0;
+// After so many triangles it counts as searched if a field would have been found of which this share
+// of the image stars is true, so many at most: else a list without a sky would be searched for long.
+// Of more spots than a field has stars many are false, and most triangles: they grow with them.
+constexpr double PATIENCE = 550.0, PATIENT_STARS = 50.0, TRUE_SHARE = 0.25, MOST_TRUE = 12.0;
 // The field is taken to have so few stars as one of ten has: these are the easiest to accept.
 constexpr int POOREST = 10;
 // After so much work it is seen whether the caller has stopped the search.
@@ -34,7 +34,7 @@ constexpr double STOP_PERIOD_NS = 3e5;
 /// Of the N = C(n, 3) triangles K = C(m, 3) are of true stars alone if m stars are true. When a
 /// share t of all was looked up, the field is not found with a probability of (1 - t q)^K.
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
-                 double tested, double false_alarm_max, double done_ns) {
+                 double tested, double false_alarm_max) {
     const double n = count, r = verifier.tolerance_sigmas * median_sigma;
     const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOREST], 1);
     const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
@@ -45,7 +45,7 @@ bool is_searched(const Verifier &verifier, double median_sigma, int count, doubl
     }
     const double more = std::fmax(n / PATIENT_STARS, 1.0);
     const double likely =
-        done_ns < PATIENCE_NS * more * more * more ? 0.0 : std::fmin(n * TRUE_SHARE, MOST_TRUE);
+        looked_up < PATIENCE * more * more * more ? 0.0 : std::fmin(n * TRUE_SHARE, MOST_TRUE);
     const double m = std::fmax(least, likely);
     const double share = looked_up / (n * (n - 1) * (n - 2) / 6);
     return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
@@ -139,7 +139,7 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
     }
     if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 &&
         is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_, tested_,
-                    false_alarm_max, work_.done_ns)) {
+                    false_alarm_max)) {
         return false;
     }
     int32_t base[3];

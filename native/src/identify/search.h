@@ -29,9 +29,9 @@ enum class Outcome { SEARCHING, IDENTIFIED, TOO_FEW, AMBIGUOUS, EXHAUSTED, MOST_
 constexpr int LEAST_STARS = 4;
 
 /// Whether more triangles of count image stars, of this median error, are of no use after so many
-/// that were looked up, so many tested candidates, and so much work.
+/// that were looked up, and so many tested candidates.
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
-                 double tested, double false_alarm_max, double done_ns);
+                 double tested, double false_alarm_max);
 
 /// A search among the stars of one frame, and its memory.
 class StarSearch {

@@ -195,8 +195,9 @@ class StarMatcher:
             column[:used].copy() for column in self._columns)
         angles_rad = residual_rad[residual_rad >= 0]
         if rows is not None:
-            hip, magnitude, residual_px = (_spread(column, count, rows, empty) for column, empty in (
-                (hip, 0), (magnitude, np.nan), (residual_px, np.nan)))
+            hip, magnitude, residual_px = (
+                _spread(column, count, rows, empty) for column, empty in (
+                    (hip, 0), (magnitude, np.nan), (residual_px, np.nan)))
         return Found(
             name, (), false_alarm, ratio, work_s, stars, tested, hip, magnitude, residual_px,
             AttitudeEstimate(self._quaternion[0].copy(), self._covariance[0].copy(), stars,
