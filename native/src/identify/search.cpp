@@ -23,7 +23,7 @@ constexpr int LOOK_PERIOD = 16;
 // After so many triangles it counts as searched if a field would have been found of which this share
 // of the image stars is true, so many at most: else a list without a sky would be searched for long.
 // Of more spots than a field has stars many are false, and most triangles: they grow with them.
-constexpr double PATIENCE = 550.0, PATIENT_STARS = 50.0, TRUE_SHARE = 0.25, MOST_TRUE = 12.0;
+constexpr double PATIENCE = 400.0, PATIENT_STARS = 50.0, TRUE_SHARE = 0.28, MOST_TRUE = 12.0;
 // The field is taken to have so few stars as one of ten has: these are the easiest to accept.
 constexpr int POOREST = 10;
 // After so much work it is seen whether the caller has stopped the search.
