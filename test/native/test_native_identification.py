@@ -7,6 +7,7 @@ import ctypes
 import math
 import threading
 
+from limits import HANGS_S
 from native_core import kernels
 from native_identification import CAMERAS, EPOCH_YEAR, identifiers, RECORD
 import numpy as np
@@ -195,7 +196,7 @@ def test_a_search_is_stopped_by_another_thread(record, lists, sky):
     timer = threading.Timer(0.05, lambda: stop.fill(1))
     timer.start()
     native.check(flight.identify(spots, stop=stop.ctypes.data))
-    timer.join()
+    timer.join(HANGS_S)
     assert flight.found['status'] == TIME_LIMIT
     assert flight.found['reason']['code'] == STOPPED
     assert flight.go_on() != 0

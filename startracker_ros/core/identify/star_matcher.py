@@ -3,7 +3,6 @@
 
 """A tracker of the native library that identifies stars, and its results in Python."""
 
-from collections.abc import Sequence
 import ctypes
 import math
 from threading import Lock
@@ -59,7 +58,7 @@ class Found(NamedTuple):
     """
     What a search found: status is one of STATUSES, reason the figures of its st_reason.
 
-    hip, magnitude, residual_px (N,) are of each centroid, None without an attitude.
+    hip, magnitude, residual_px (N,) are of each centroid, empty without an attitude.
     """
 
     status: str
@@ -69,9 +68,9 @@ class Found(NamedTuple):
     work_s: float
     stars: int
     tested: int
-    hip: np.ndarray | None = None
-    magnitude: np.ndarray | None = None
-    residual_px: np.ndarray | None = None
+    hip: np.ndarray = np.empty(0, np.int32)
+    magnitude: np.ndarray = np.empty(0)
+    residual_px: np.ndarray = np.empty(0)
     attitude: AttitudeEstimate | None = None
 
 
@@ -203,7 +202,7 @@ class StarMatcher:
             AttitudeEstimate(self._quaternion[0].copy(), self._covariance[0].copy(), stars,
                              angles_rad, self._chi2.item()))
 
-    def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
+    def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                 candidates: np.ndarray) -> np.ndarray:
         """Return the support (M,) of candidates (M, 3) of st_support()."""
         three, stars = (np.ascontiguousarray(array, np.int32) for array in (base, candidates))
@@ -216,8 +215,8 @@ class StarMatcher:
             del kept
         return found
 
-    def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
-               star: Sequence[int], tested: float
+    def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
+               star: np.ndarray, tested: float
                ) -> tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]:
         """Return false alarm, focal ratio, stars, residuals (N,) px, attitude of st_verify()."""
         given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
