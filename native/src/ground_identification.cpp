@@ -24,7 +24,7 @@ bool are_given(const st_pairs &pairs) {
 }
 
 const double (*vectors(const double *array))[3] {
-    return reinterpret_cast<const double(*)[3]>(array);
+    return reinterpret_cast<const double (*)[3]>(array);
 }
 
 Pairs pairs_of(const st_pairs &pairs) {
