@@ -76,8 +76,8 @@ double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int
     const Arena::Scope scope(tracker->work);
     const Verifier &verifier = tracker->identification.verifier();
     const Pairs &pairs = verifier.sky.pairs;
-    auto *latest = static_cast<int32_t *>(
-        std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
+    auto *latest =
+        static_cast<int32_t *>(std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
     std::fill(latest, latest + pairs.stars, -1);
     TriangleSearch search;
     search.begin(verifier, stars_of(*stars, *tracker), base, latest);

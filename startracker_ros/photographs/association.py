@@ -239,4 +239,3 @@ def _update(direction: np.ndarray, equidistant: bool, matrix: np.ndarray, seen: 
                                     seen[i, 0] / ratio, seen[i, 1] / ratio)
             largest = max(largest, residual[i])
     return largest
-

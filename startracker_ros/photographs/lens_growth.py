@@ -20,10 +20,10 @@ import numpy as np
 from startracker_ros.core.attitude.triad import triad
 from startracker_ros.core.camera.lens import Lens, project, rays, shows, undistorted
 from startracker_ros.core.compiled import compiled
-from startracker_ros.photographs.chance import (
-    binomial_tail, fisher_combined, order_probability)
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_quaternion, quaternion_from_matrix, sensor_directions)
+from startracker_ros.photographs.chance import (
+    binomial_tail, fisher_combined, order_probability)
 from startracker_ros.photographs.lens_fit import fit_lens, linearised, stars_in_image
 
 _STAGES = 12

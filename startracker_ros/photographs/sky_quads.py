@@ -26,8 +26,8 @@ from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.photographs.support import squared_chord
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
+from startracker_ros.photographs.support import squared_chord
 
 _STEP = np.sqrt(2)
 # A star this close to a brighter one, as a share of the side, is in no quad: it is blended.

@@ -19,8 +19,8 @@ import numpy as np
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.core.compiled import compiled, inlined
-from startracker_ros.photographs.support import squared_chord, triple_product
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
+from startracker_ros.photographs.support import squared_chord, triple_product
 
 # A star of a triangle is among so many brightest in the disc about it of the area of an image.
 _BRIGHTEST = 11

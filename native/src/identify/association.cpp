@@ -64,6 +64,9 @@ void associate(const Patterns &sky, bool equidistant, const ImageStars &stars, d
 void collect(const Patterns &sky, bool equidistant, const ImageStars &stars,
              const StarMatch &found, Directions &matched) {
     matched.count = 0;
+    if (matched.sensor == nullptr || matched.icrf == nullptr || matched.weight == nullptr) {
+        return;  // work_bytes() leaves memory for them
+    }
     for (int i = 0; i < stars.count; ++i) {
         if (found.star[i] < 0) {
             continue;

@@ -20,9 +20,10 @@ constexpr double PREDICTION_COST_NS = 60.0, VERIFICATION_COST_NS = 500.0;
 // larger error, or less support than a chance one. Looked at after so many triangles.
 constexpr double MISSED = 0.02, FINDS = 0.5;
 constexpr int LOOK_PERIOD = 16;
-// A list of many spots has more true stars than could be accepted at least: this share of it, or so
-// many. Else a list without a sky would be searched for the few stars that it may have.
-constexpr double TRUE_SHARE = 0.25, MOST_TRUE = 16.0;
+// After so many triangles it counts as searched if a field would have been found of which this share
+// of the image stars is true, so many at most: else a list without a sky would be searched for long.
+// Of more spots than a field has stars many are false, and most triangles: they grow with them.
+constexpr double PATIENCE = 400.0, PATIENT_STARS = 50.0, TRUE_SHARE = 0.28, MOST_TRUE = 12.0;
 // The field is taken to have so few stars as one of ten has: these are the easiest to accept.
 constexpr int POOREST = 10;
 // After so much work it is seen whether the caller has stopped the search.
@@ -42,7 +43,10 @@ bool is_searched(const Verifier &verifier, double median_sigma, int count, doubl
     if (least > n) {
         return true;
     }
-    const double m = std::fmax(least, std::fmin(n * TRUE_SHARE, MOST_TRUE));
+    const double more = std::fmax(n / PATIENT_STARS, 1.0);
+    const double likely =
+        looked_up < PATIENCE * more * more * more ? 0.0 : std::fmin(n * TRUE_SHARE, MOST_TRUE);
+    const double m = std::fmax(least, likely);
     const double share = looked_up / (n * (n - 1) * (n - 2) / 6);
     return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
            std::log(MISSED);

@@ -17,8 +17,6 @@ constexpr double ORDER_SUPPORT[4] = {1.791759469228055, 0.6931471805599453, 0.18
 // Of a candidate that none of so many supports, the others are not looked up: of ten true ones among
 // thirty image stars it would be one in thirty.
 constexpr int FIRST_LOOKED_UP = 8;
-// One that a single one of many supports is chance, and would not be accepted.
-constexpr int LEAST_SUPPORTERS = 2, FEW_SUPPORTERS = 4;
 
 double order_support(const int32_t base[3], int32_t first, int32_t second, int32_t third) {
     const int inversions = ((base[0] < base[1]) != (first < second)) +
@@ -79,9 +77,7 @@ double support(const Patterns &sky, const Supporters &stars, int32_t first, int3
                int32_t third, double enough) {
     const double *A = sky.direction[first], *B = sky.direction[second], *C = sky.direction[third];
     const double order = order_support(stars.base, first, second, third);
-    const int needed = stars.count < FEW_SUPPORTERS ? 1 : LEAST_SUPPORTERS;
     double found = 0.0, left = stars.sum;
-    int met = 0;
     for (int i = 0; i < stars.count && found + left > enough - order; ++i) {
         if (i == FIRST_LOOKED_UP && found == 0) {
             break;
@@ -95,10 +91,9 @@ double support(const Patterns &sky, const Supporters &stars, int32_t first, int3
         at = scaled(at, 1 / norm(at));
         if (has_near(sky.cells, sky.direction, at, stars.reach[i])) {
             found += stars.gain[i];
-            ++met;
         }
     }
-    return met >= needed ? found + order : 0.0;
+    return found > 0 ? found + order : 0.0;
 }
 
 }  // namespace st

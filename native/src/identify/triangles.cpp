@@ -118,7 +118,7 @@ bool TriangleSearch::proceed(const Verifier &verifier, const Pairs &pairs, Work 
 /// candidate is decisive.
 bool TriangleSearch::join(const Verifier &verifier, const Pairs &pairs, double &tested) {
     const int32_t *member = pairs.member, *previous = pairs.previous, *latest = latest_;
-    const double(*direction)[3] = pairs.direction;
+    const double (*direction)[3] = pairs.direction;
     const auto first = static_cast<int32_t>(ab_.first), end = static_cast<int32_t>(ab_.end);
     const double low2 = low2_, high2 = high2_;
     int64_t ac = entry_, steps = steps_;

@@ -20,15 +20,18 @@ struct CellRange {
     int32_t first, last;
 };
 
-/// Return the cells, along one axis, within a chord of a coordinate; the first one for NaN.
+/// Return a number as a whole one from 0 to most, 0 for NaN.
+inline int32_t clipped(double number, int32_t most) {
+    // fmin() and fmax() would be calls.
+    return !(number > 0) ? 0 : number < most ? static_cast<int32_t>(number) : most;
+}
+
+/// Return the cells, along one axis, within a chord of a coordinate.
 inline CellRange cells_about(const Cells &cells, double coordinate, double chord) {
-    // Comparisons: fmin() and fmax() are calls.
-    const auto cell = [&cells](double at) {
-        const double number = (at + 1) * (cells.cells / 2.0), last = cells.cells - 1;
-        return static_cast<int32_t>(number > 0 ? (number < last ? number : last) : 0.0);
-    };
-    const double reach = chord + CELL_ROUNDING;
-    return {cell(coordinate - reach), cell(coordinate + reach)};
+    const double half = cells.cells / 2.0, reach = chord + CELL_ROUNDING;
+    const int32_t last = cells.cells - 1;
+    return {clipped((coordinate - reach + 1) * half, last),
+            clipped((coordinate + reach + 1) * half, last)};
 }
 
 /// Call found(star) for the stars of all cells within a chord of a unit vector, until it is true;

@@ -12,12 +12,6 @@
 namespace st {
 namespace {
 
-/// Return a number as a whole one from 0 to most, 0 for NaN.
-int32_t clipped(double number, int32_t most) {
-    // fmin() and fmax() would be calls.
-    return !(number > 0) ? 0 : number < most ? static_cast<int32_t>(number) : most;
-}
-
 /// Return the step of the k-vector that a separation falls into, the first one for NaN.
 int32_t step_of(const Pairs &pairs, double separation_rad) {
     return clipped((separation_rad - pairs.first_rad) * pairs.steps_per_rad, pairs.pairs);

@@ -51,8 +51,8 @@ class IdentificationOptions(Options):
     false_alarm_max: float = option(
         1e-5, 'largest probability that an accepted result is chance', low=1e-30, high=0.1)
     time_limit_s: float = option(
-        1.0, 'longest search in processor time, of pyramid that expected on a core of 3 GHz, so that '
-        'other load changes no result',
+        1.0, 'longest search in processor time, of pyramid that expected on a core of 3 GHz, so '
+        'that other load changes no result',
         unit='s', low=0.001, high=600.0)
 
 

@@ -107,11 +107,11 @@ class PyramidIdentifier(Identifier):
         return self._result(centroids, found), found.work_s
 
     def _result(self, centroids: Centroids, found: Found) -> Identification:
-        first, second = found.figures[:2]
         if found.attitude is not None:
             return Identification('identified', f'{found.stars} stars', found.hip,
                                   found.magnitude, found.residual_px, found.attitude,
                                   found.focal_ratio, found.false_alarm)
+        first, second = found.figures[:2]
         if found.status == 'too_few_stars':
             return self.too_few(centroids, int(first))
         if found.status == 'ambiguous':

@@ -3,7 +3,6 @@
 
 """A tracker of the native library that identifies stars, and its results in Python."""
 
-from collections.abc import Sequence
 import ctypes
 import math
 from threading import Lock
@@ -59,7 +58,7 @@ class Found(NamedTuple):
     """
     What a search found: status is one of STATUSES, reason the figures of its st_reason.
 
-    hip, magnitude, residual_px (N,) are of each centroid, None without an attitude.
+    hip, magnitude, residual_px (N,) are of each centroid, empty without an attitude.
     """
 
     status: str
@@ -69,9 +68,9 @@ class Found(NamedTuple):
     work_s: float
     stars: int
     tested: int
-    hip: np.ndarray | None = None
-    magnitude: np.ndarray | None = None
-    residual_px: np.ndarray | None = None
+    hip: np.ndarray = np.empty(0, np.int32)
+    magnitude: np.ndarray = np.empty(0)
+    residual_px: np.ndarray = np.empty(0)
     attitude: AttitudeEstimate | None = None
 
 
@@ -105,12 +104,23 @@ class StarMatcher:
             self._memory.ctypes.data, size.value, *given, ctypes.byref(self._handle),
             fault.ctypes.data), fault)
         self._table = np.zeros((MOST_CENTROIDS, native.CENTROID.itemsize // 8))
-        self._result = np.zeros((), native.IDENTIFICATION)
+        self._result = np.zeros(1, native.IDENTIFICATION)
+        self._result_at, self._table_at = self._result.ctypes.data, self._table.ctypes.data
+        # Views of the result, each of which would take a microsecond to make.
+        self._numbers = self._result['status'], [
+            self._result[name] for name in ('false_alarm_probability', 'focal_ratio', 'work_s',
+                                            'stars', 'candidates')], (
+            self._result['reason']['figure'][0])
+        self._quaternion, self._covariance, self._chi2 = (
+            self._result['attitude'][name][0:1] for name in (
+                'quaternion', 'covariance_rad2', 'chi2'))
         self._count = ctypes.c_size_t()
         first = self._library.st_identified_stars(self._handle, ctypes.byref(self._count))
         begin = first - self._memory.ctypes.data
         self._identified = self._memory[
             begin:begin + MOST_CENTROIDS * native.IDENTIFIED.itemsize].view(native.IDENTIFIED)
+        self._columns = [self._identified[name] for name in (
+            'hip', 'magnitude', 'residual_px', 'residual_rad')]
         self._stars = np.zeros((), native.IMAGE_STARS)
         self._verification = np.zeros((), native.VERIFICATION)
 
@@ -157,40 +167,42 @@ class StarMatcher:
         with self._uses:
             used = self._set(centroids, rows)
             slice_s = min(work_s, _SLICE_S) if until_s is not None else work_s
-            result_at = self._result.ctypes.data
             native.check(self._library.st_identify(
-                self._handle, 0, self._table.ctypes.data, used, slice_s, None, result_at))
-            while until_s is not None and self._result['status'] == _SEARCHING and (
+                self._handle, 0, self._table_at, used, slice_s, None, self._result_at))
+            while until_s is not None and self._numbers[0][0] == _SEARCHING and (
                     time.monotonic() < until_s[0]):
                 native.check(self._library.st_identify_on(
-                    self._handle, slice_s, None, result_at))
+                    self._handle, slice_s, None, self._result_at))
             return self._found(count, used, rows)
 
     def _set(self, centroids: Centroids, rows: np.ndarray | None) -> int:
         """Fill in the table of the next call; return its length."""
-        chosen = slice(None) if rows is None else rows
-        used = len(centroids) if rows is None else len(rows)
+        if rows is not None:
+            centroids = centroids.select(rows)
+        used = len(centroids)
         table = self._table[:used]
-        table[:, :2], table[:, 2], table[:, 4] = (
-            centroids.uv[chosen], centroids.flux[chosen], centroids.sigma_px[chosen])
+        table[:, :2], table[:, 2], table[:, 4] = centroids.uv, centroids.flux, centroids.sigma_px
         return used
 
     def _found(self, count: int, used: int, rows: np.ndarray | None) -> Found:
-        _, ratio, false_alarm, work_s, status, stars, _, tested, reason = self._result.item()
-        plain = Found(STATUSES[status], tuple(reason[2]), false_alarm, ratio, work_s, stars,
-                      tested)
-        if plain.status != 'identified':
-            return plain
-        identified = self._identified[:used]
-        residual_rad = identified['residual_rad']
-        hip, magnitude, residual_px = (
-            _spread(identified[name], count, rows, empty) for name, empty in (
-                ('hip', 0), ('magnitude', np.nan), ('residual_px', np.nan)))
-        return plain._replace(
-            hip=hip, magnitude=magnitude, residual_px=residual_px,
-            attitude=_estimate(self._result['attitude'], residual_rad[residual_rad >= 0]))
+        status, numbers, figures = self._numbers
+        false_alarm, ratio, work_s, stars, tested = (number.item() for number in numbers)
+        name = STATUSES[status.item()]
+        if name != 'identified':
+            return Found(name, tuple(figures.tolist()), false_alarm, ratio, work_s, stars, tested)
+        hip, magnitude, residual_px, residual_rad = (
+            column[:used].copy() for column in self._columns)
+        angles_rad = residual_rad[residual_rad >= 0]
+        if rows is not None:
+            hip, magnitude, residual_px = (
+                _spread(column, count, rows, empty) for column, empty in (
+                    (hip, 0), (magnitude, np.nan), (residual_px, np.nan)))
+        return Found(
+            name, (), false_alarm, ratio, work_s, stars, tested, hip, magnitude, residual_px,
+            AttitudeEstimate(self._quaternion[0].copy(), self._covariance[0].copy(), stars,
+                             angles_rad, self._chi2.item()))
 
-    def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
+    def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                 candidates: np.ndarray) -> np.ndarray:
         """Return the support (M,) of candidates (M, 3) of st_support()."""
         three, stars = (np.ascontiguousarray(array, np.int32) for array in (base, candidates))
@@ -203,8 +215,8 @@ class StarMatcher:
             del kept
         return found
 
-    def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: Sequence[int],
-               star: Sequence[int], tested: float
+    def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
+               star: np.ndarray, tested: float
                ) -> tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]:
         """Return false alarm, focal ratio, stars, residuals (N,) px, attitude of st_verify()."""
         given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
@@ -275,10 +287,8 @@ def native_camera(camera: Camera) -> np.ndarray:
                      terms, list(MODELS).index(camera.distortion_model), 0), native.CAMERA)
 
 
-def _spread(column: np.ndarray, count: int, rows: np.ndarray | None, empty: float) -> np.ndarray:
-    """Return a column of the rows used as one of all centroids."""
-    if rows is None:
-        return column.copy()
+def _spread(column: np.ndarray, count: int, rows: np.ndarray, empty: float) -> np.ndarray:
+    """Return a column of some rows as one of all centroids."""
     full = np.full(count, empty, column.dtype)
     full[rows] = column
     return full

@@ -286,7 +286,7 @@ def test_thousands_of_centroids_are_bounded_work():
         return result, int(re.search(r'(\d+) candidates tested', result.reason)[1])
     whole, tested = searched(600.0)
     assert whole.status == 'no_candidate' and whole.reason.startswith('40 stars, ')
-    assert 10_000 < tested < 100_000
+    assert 1_000 < tested < 100_000
     part, fewer = searched(0.001)
     assert part.status == 'time_limit' and fewer < tested / 2
     assert part.reason == f'not identified within time_limit_s = 0.001, {fewer} candidates tested'

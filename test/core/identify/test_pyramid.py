@@ -48,6 +48,11 @@ def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):
     assert ends_after(matcher, 15, tested=10) > ends_after(matcher, 15, tested=10 ** 6)
 
 
+def test_after_a_while_more_of_the_stars_are_taken_to_be_true(matcher):
+    """A list without a sky is not searched for the few stars that could be accepted."""
+    assert all(ends_after(matcher, count) < 1300 for count in (20, 40, 60))
+
+
 def test_without_an_acceptable_field_it_ends_at_once(matcher):
     assert ends_after(matcher, 5, most=1e-30) == 0
 

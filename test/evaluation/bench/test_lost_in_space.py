@@ -38,7 +38,7 @@ def test_the_same_seed_gives_the_same_frames():
 
 
 def test_cells_are_one_factor_at_a_time_and_their_product():
-    assert set(CELLS) < set(ALL_CELLS) and len(ALL_CELLS) == 48 + 3
+    assert set(CELLS) < set(ALL_CELLS) and len(ALL_CELLS) == 48 + 4
     assert {'0.1px', '1px', '0.3px-5missing', '0.3px-20false', '1px-20missing-20false',
             'false-only', 'mirrored'} < set(CELLS)
 
@@ -120,7 +120,8 @@ def figures(correct=100.0, wrong=0.0, median=0.05, p99=1.0):
     ('0.3px-20false', figures(wrong=0.1), ['wrong = 0']),
     ('1px-20missing-10false', figures(correct=87.0), ['correct >= 99 (tetra3rs)',
                                                       'correct >= 88']),
-    ('false-only', figures(correct=0.0, p99=900.0), []),
+    ('false-only', figures(correct=0.0, p99=900.0), ['p99 <= 30']),
+    ('field-5-percent-off', figures(correct=98.0, median=1.1), ['correct >= 99', 'median <= 1']),
     ('false-only', figures(correct=0.0, wrong=0.1), ['wrong = 0']),
 ])
 def test_bounds(cell, ours, short):
