@@ -28,7 +28,8 @@ MOST_TRACKS, MOST_RATES = 500, 100_000
 
 _CHOICES = {'model': tuple(MODELS), 'solver': SOLVERS, 'association': ASSOCIATIONS}
 _CONDITIONS = 'none', 'used', 'unused'
-_NOT_NEWER = 11  # ST_NOT_NEWER
+_NOT_NEWER, _WAITING = 11, 300  # ST_NOT_NEWER, ST_REASON_WAITING
+_COUNTS = 'late_frames', 'rejected_centroids', 'checks_passed'
 
 
 class TrackerState(StrEnum):
@@ -85,7 +86,6 @@ class TrackFilter:
         self._tracker = NativeTracker(self._config, native_camera(camera), native_sky(onboard))
         self._tracking, self._hint = (np.zeros((), kind) for kind in (
             native.TRACKING, native.HINT))
-        self._tracking['attitude']['valid'] = self._tracking['frame_attitude']['valid'] = 0
         self._tracking_at = self._tracking.ctypes.data
         self._observers = ObserverInput(self._tracker, motion)
         self.reset()
@@ -93,6 +93,11 @@ class TrackFilter:
     def reset(self) -> None:
         """Drop everything but the counts and the track numbers."""
         self._tracker.call('st_reset')
+        counts = {name: int(self._tracking[name]) for name in _COUNTS}
+        self._tracking[()] = np.zeros((), native.TRACKING)
+        self._tracking['reason']['code'], self._tracking['residual_px'] = _WAITING, np.nan
+        for name, count in counts.items():
+            self._tracking[name] = count
         self._observers.reset()
         self.newest_hint: Hint | None = None
         self._stamp_ns: int | None = None
@@ -171,7 +176,7 @@ class TrackFilter:
         self.stars_matched, self.frames_since_fix = (
             int(known['stars_matched']), int(known['frames_since_fix']))
         self.late_frames, self.rejected_centroids, self.checks_passed = (
-            int(known[name]) for name in ('late_frames', 'rejected_centroids', 'checks_passed'))
+            int(known[name]) for name in _COUNTS)
         self.gyro_condition = _CONDITIONS[known['gyro']]
         attitude = known['attitude']
         self.attitude: TrackedAttitude | None = None
