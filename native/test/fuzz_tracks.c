@@ -183,6 +183,17 @@ static int is_impossible(const st_attitude *attitude) {
     return !(fabs(square - 1) < 1e-9);
 }
 
+static int wrong;
+
+static void expect(int holds, uint64_t round, int frame, int line) {
+    if (!holds) {
+        printf("round %" PRIu64 ", frame %d: line %d\n", round, frame, line);
+        wrong = 1;
+    }
+}
+
+#define EXPECT(condition) expect((condition), round, frame, __LINE__)
+
 /* Return 1 where something is wrong. */
 static int try_tracker(uint64_t round) {
     static st_centroid centroids[MOST];
@@ -193,16 +204,18 @@ static int try_tracker(uint64_t round) {
     st_fault fault = {NULL, 0, 0, 0};
     st_tracker *tracker = NULL;
     size_t bytes = 0, count, tracks = 0;
-    int wrong = st_size(&config, &camera, sky, &bytes) != ST_OK;
+    int frame = -1;
+    wrong = 0;
+    EXPECT(st_size(&config, &camera, sky, &bytes) == ST_OK);
     void *memory = aligned_alloc(64, bytes);
-    wrong |= st_create(memory, bytes, &config, &camera, sky, &tracker, &fault) != ST_OK;
+    EXPECT(st_create(memory, bytes, &config, &camera, sky, &tracker, &fault) == ST_OK);
     double q[4], turned[4];
     any_rotation(q);
     const double noise_px = within(0.01, 0.4), jump = one_of(2) ? 0 : 0.1;
     const double speed = one_of(2) ? 0.001 : 0.1;
     const double turn[3] = {within(-speed, speed), within(-speed, speed), within(-speed, speed)};
     int64_t stamp_ns = (int64_t)(random_bits() % 1000000);
-    for (int frame = 0; frame < FRAMES && !wrong; ++frame) {
+    for (frame = 0; frame < FRAMES && !wrong; ++frame) {
         st_tracking tracking;
         st_trusted trusted;
         stt_turned(q, turn, turned);
@@ -235,25 +248,26 @@ static int try_tracker(uint64_t round) {
         st_status status = st_track(tracker, stamp_ns, centroids, count,
                                     one_of(2) ? exposure_s : NULL, &tracking);
         if (status != ST_OK && status != ST_NOT_NEWER) {
-            wrong |= status != ST_BAD_INPUT && status != ST_TOO_MANY;
+            EXPECT(status == ST_BAD_INPUT || status == ST_TOO_MANY);
             continue;
         }
-        wrong |= is_impossible(&tracking.attitude) || is_impossible(&tracking.frame_attitude);
+        EXPECT(!is_impossible(&tracking.attitude));
+        EXPECT(!is_impossible(&tracking.frame_attitude));
         const st_star_track *list = st_tracks(tracker, &tracks);
-        wrong |= tracks > 500 || (int32_t)tracks != tracking.tracks;
+        EXPECT(tracks <= 500 && (int32_t)tracks == tracking.tracks);
         status = st_trust(tracker, stamp_ns < 0 ? 0 : stamp_ns, list, tracks,
                           one_of(3) ? &tracking.attitude : NULL, &trusted);
-        wrong |= status != ST_OK && status != ST_TOO_MANY;
-        wrong |= status == ST_OK && is_impossible(&trusted.attitude);
+        EXPECT(status == ST_OK || status == ST_TOO_MANY);
+        EXPECT(status != ST_OK || !is_impossible(&trusted.attitude));
         if (one_of(2)) {
             st_predictions(tracker, &tracks);
         }
         if (tracking.state != ST_TRACKING || one_of(4) == 0) {
             status =
                 st_add_identification(tracker, stamp_ns, centroids, identified, count, &tracking);
-            wrong |= status == ST_OK && is_impossible(&tracking.attitude);
+            EXPECT(status != ST_OK || !is_impossible(&tracking.attitude));
             status = st_trust_stars(tracker, stamp_ns, centroids, identified, count, &trusted);
-            wrong |= status == ST_OK && is_impossible(&trusted.attitude);
+            EXPECT(status != ST_OK || !is_impossible(&trusted.attitude));
         }
         if (one_of(3) == 0) {
             st_prepare(tracker);
@@ -261,9 +275,6 @@ static int try_tracker(uint64_t round) {
         if (one_of(40) == 0) {
             st_reset(tracker);
         }
-    }
-    if (wrong) {
-        printf("round %" PRIu64 " is wrong\n", round);
     }
     free(memory);
     return wrong;
