@@ -59,7 +59,7 @@ struct Option {
 };
 
 #define OPTION(kind, option, standard, least, most, live) \
-    { #option, offsetof(st_config, option), Kind::kind, standard, least, most, live }
+    {#option, offsetof(st_config, option), Kind::kind, standard, least, most, live}
 #define NUMBER(option, standard, least, most) OPTION(NUMBER, option, standard, least, most, false)
 #define WHOLE(option, standard, least, most) OPTION(WHOLE, option, standard, least, most, false)
 #define LIVE_NUMBER(option, standard, least, most) \

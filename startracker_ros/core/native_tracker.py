@@ -70,7 +70,7 @@ class NativeTracker:
         native.check(self.status_of('st_change_options', config.ctypes.data, fault.ctypes.data),
                      fault)
 
-    def list(self, name: str, kind: np.dtype, none: bool = False) -> Any:
+    def listed(self, name: str, kind: np.dtype, none: bool = False) -> Any:
         """Return a copy of a list of the last call; where none, None instead of a null pointer."""
         first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
         if none and first is None:
@@ -114,7 +114,6 @@ def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) 
         if hasattr(options, name):
             value = getattr(options, name)
             part[name] = choices[name].index(value) if name in choices else value
-
 
 
 def native_camera(camera: Camera) -> np.ndarray:

@@ -94,8 +94,8 @@ st_trusted TrustStage::from_tracks(int64_t stamp_ns, const st_star_track *tracks
     found = tracked == nullptr
                 ? validator.solve(known, stars, observer_error(), residuals_.item, arena)
                 : validator.check(quaternion_of(tracked->quaternion),
-                                  matrix_of(tracked->covariance_rad2), tracked->chi2, followed, stars,
-                                  residuals_.item, arena);
+                                  matrix_of(tracked->covariance_rad2), tracked->chi2, followed,
+                                  stars, residuals_.item, arena);
     return filled(stamp_ns, found, tracked);
 }
 

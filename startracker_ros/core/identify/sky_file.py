@@ -19,7 +19,6 @@ from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 
 
-
 def sky_arrays(camera: Camera, epoch_year: float,
                options: IdentificationOptions = IdentificationOptions(),
                band: BandOptions = BandOptions()) -> dict[str, np.ndarray]:

@@ -139,7 +139,7 @@ class TrackFilter:
         native.check(status)
         self._stamp_ns = stamp_ns
         self._look()
-        return Tracks.of(self._tracker.list('st_tracks', native.STAR_TRACK))
+        return Tracks.of(self._tracker.listed('st_tracks', native.STAR_TRACK))
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
@@ -212,7 +212,7 @@ class TrackFilter:
 
         None unless TRACKING, or without an attitude.
         """
-        table = self._tracker.list('st_predictions', native.PREDICTION, none=True)
+        table = self._tracker.listed('st_predictions', native.PREDICTION, none=True)
         if table is None or self._stamp_ns is None:
             return None
         columns = table.view(float).reshape(len(table), table.itemsize // 8)
