@@ -21,6 +21,7 @@ import zlib
 
 from directions import blurred, field, unit
 from native_bank import coordinated_turn
+from native_core import filled
 import numpy as np
 from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
@@ -39,7 +40,7 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
-from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
+from startracker_ros.core.integrity.systematic_errors import velocity_covariance
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
 from startracker_ros.core.maths.gates import gate
@@ -409,8 +410,9 @@ def protection_outputs(values: Values) -> Values:
                                                options, values['rejected']),
             'velocity_covariance': velocity_covariance(
                 values['velocity_sigma_m_s'], sensor, sigma_rad),
-            'lens_covariance': lens_covariance(
-                values['lens_sigma_rad'], values['lens_scale'], sensor, sigma_rad)}
+            'lens_covariance': filled(
+                'stt_lens_covariance', (3, 3), values['lens_sigma_rad'], values['lens_scale'],
+                sensor, sigma_rad, len(sensor))}
 
 
 # --- association ---
