@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Several star trackers, one attitude of the body: each head is checked against the others and a gyro,
- * and the mounts of all but the first are estimated.
+ * Several star trackers, one attitude of the body: each head is checked against the others and a
+ * gyro, and the mounts of all but the first are estimated.
  *
  * A mount is q_body_from_sensor: v_body = R(q) v_sensor. The true one is exp([m]x) R(q) with the
- * misalignment m(t) = sum_k phi_k(t) c_k about body axes: phi is 1, the temperature of the head above
- * its reference, cosine and sine of the orbit, as far as these are estimated. The mount of the first
- * head defines the body.
+ * misalignment m(t) = sum_k phi_k(t) c_k about body axes: phi is 1, the temperature of the head
+ * above its reference, cosine and sine of the orbit, as far as these are estimated. The mount of
+ * the first head defines the body.
  *
  * Memory, errors and threads are as in startracker.h. Frames may come late and out of order.
  */
@@ -49,9 +49,9 @@ typedef struct {
     int32_t reserved;
 } st_fusion_config;
 
-/* law: rad/K, rad of cosine, rad of sine, about body axes; law_covariance is that of misalignment and
- * law. temperature_c is where the first of the law is zero, NaN where it is unknown. The stamps of the
- * head are time_offset_s late. */
+/* law: rad/K, rad of cosine, rad of sine, about body axes; law_covariance is that of
+ * misalignment and law. temperature_c is where the first of the law is zero, NaN where it is
+ * unknown. The stamps of the head are time_offset_s late. */
 typedef struct {
     double quaternion[4];
     double covariance_rad2[3][3];
@@ -73,7 +73,7 @@ typedef enum {
     ST_FUSION_UNCONFIRMED,   /* no head that another one confirms */
     ST_FUSION_NONE_LEFT,     /* head, deg from what is predicted, and no other head counts */
     ST_FUSION_NOT_POSITIVE,  /* diagonal of the covariance of attitude, rate and drift */
-    ST_FUSION_MOUNTS_WRONG, /* sum of 2^head: further from their files than these allow; of a head */
+    ST_FUSION_MOUNTS_WRONG,  /* sum of 2^head: further from their files than these allow */
     /* a head does not count */
     ST_HEAD_NO_FRAMES = 720,
     ST_HEAD_REPEATS,       /* stamps */
@@ -148,8 +148,8 @@ ST_API st_status st_fusion_reset(st_fusion *fusion);
 ST_API st_status st_fusion_add_rate(st_fusion *fusion, int64_t stamp_ns,
                                     const double rate_rad_s[3]);
 
-/* The attitude of a head, q_icrf_from_sensor, and its covariance about sensor axes. fused is that of
- * the body at its stamp, valid if the frame counts as the newest. */
+/* The attitude of a head, q_icrf_from_sensor, and its covariance about sensor axes. fused is
+ * that of the body at its stamp, valid if the frame counts as the newest. */
 ST_API st_status st_fusion_add_frame(st_fusion *fusion, int32_t head, int64_t stamp_ns,
                                      const double quaternion[4], const double covariance[9],
                                      st_fused *fused);
@@ -157,8 +157,8 @@ ST_API st_status st_fusion_add_frame(st_fusion *fusion, int32_t head, int64_t st
 /* The temperature of a head in degrees Celsius; ST_BAD_INPUT for one that no head has. */
 ST_API st_status st_fusion_add_temperature(st_fusion *fusion, int32_t head, double celsius);
 
-/* Why there is no attitude, and why a gyro is not used; ST_NO_REASON where there is one, or where it
- * is used or there is none. *uses_gyro is 1 where it is. Each may be null. */
+/* Why there is no attitude, and why a gyro is not used; ST_NO_REASON where there is one, or
+ * where it is used or there is none. *uses_gyro is 1 where it is. Each may be null. */
 ST_API st_status st_fusion_state(const st_fusion *fusion, st_reason *trouble,
                                  st_reason *gyro_trouble, int32_t *uses_gyro);
 
@@ -166,8 +166,8 @@ ST_API st_status st_fusion_state(const st_fusion *fusion, st_reason *trouble,
 ST_API st_status st_fusion_head(const st_fusion *fusion, int32_t head, int64_t stamp_ns,
                                 st_head *state);
 
-/* q_body_from_sensor of a head at a stamp, bent as estimated; what that differs from its file by, rad
- * about body axes, and the covariance of it. */
+/* q_body_from_sensor of a head at a stamp, bent as estimated; what that differs from its file
+ * by, rad about body axes, and the covariance of it. */
 ST_API st_status st_fusion_mount(const st_fusion *fusion, int32_t head, int64_t stamp_ns,
                                  double quaternion[4], double misalignment_rad[3],
                                  double covariance[9]);

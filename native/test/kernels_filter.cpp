@@ -29,8 +29,8 @@ void into(double *numbers, const T &value) {
 }
 
 /// Motions are larger than the stack of a test may be.
-MotionWith<0> one, other;
-MotionWith<MOST_CONSTANTS> wide_one, wide_other;
+MotionWith<0> motion_of_tracker, spare_of_tracker;
+MotionWith<MOST_CONSTANTS> motion_of_heads, spare_of_heads;
 alignas(ALIGNMENT) std::byte memory[size_t{1} << 26];
 alignas(ALIGNMENT) std::byte work_memory[size_t{1} << 26];
 MeasuredRate ring[1 << 17];
@@ -120,11 +120,11 @@ void write(const MotionWith<MOST> &motion, stt_motion &to) {
 template <class Function>
 void with_motion(const stt_motion &given, Function function) {
     if (given.wide != 0 || given.constants > 0) {
-        read(given, wide_one);
-        function(wide_one, wide_other);
+        read(given, motion_of_heads);
+        function(motion_of_heads, spare_of_heads);
     } else {
-        read(given, one);
-        function(one, other);
+        read(given, motion_of_tracker);
+        function(motion_of_tracker, spare_of_tracker);
     }
 }
 
@@ -258,13 +258,13 @@ void stt_with_tails(const stt_motion *motion, double covariance[36]) {
 }
 
 void stt_vibration_covariance(const stt_motion *motion, double covariance[36]) {
-    read(*motion, one);
-    into(covariance, vibration_covariance(one));
+    read(*motion, motion_of_tracker);
+    into(covariance, vibration_covariance(motion_of_tracker));
 }
 
 void stt_course_of(const stt_motion *motion, const double acceleration[3], double course[12]) {
-    read(*motion, one);
-    into(course, course_of(one, from<Vector3>(acceleration)));
+    read(*motion, motion_of_tracker);
+    into(course, course_of(motion_of_tracker, from<Vector3>(acceleration)));
 }
 
 void stt_by_experience(const double weight[9], const double share[9], double seen[9]) {

@@ -25,14 +25,15 @@ OPTIONS = ('start_heads', 'agree_frames', 'exclude_frames', 'horizon_s', 'max_ga
            'mount_walk_arcsec_sqrt_h', 'mount_temperature_arcsec_k', 'mount_orbit_arcsec',
            'orbit_period_s', 'gyro_drift_deg_h', 'gyro_noise_deg_sqrt_h', 'gyro_range_deg_s',
            'gyro_rate_change_deg_s2')
-SCENES = ('late', 'no_gyro', 'law', 'jump', 'mount', 'stamps', 'one_head', 'noise', 'gyro_axes',
-          'gyro_scale')
+SCENES = ('late', 'no_gyro', 'law', 'jump', 'mount', 'stamps', 'one_head', 'noise', 'noise_of_two',
+          'gyro_axes', 'gyro_scale')
 EACH = 7
 START_NS = 1_784_000_000 * 10 ** 9
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
 RATE = np.radians([0.05, -0.06, 0.03])
 Q0 = np.array([0.5, -0.1, 0.7, np.sqrt(1 - 0.75)])
-REASONS = {'waiting': 700, 'disagree': 702, 'not positive': 705, 'late': 722, 'repeats': 721}
+REASONS = {'waiting': 700, 'no pair': 701, 'disagree': 702, 'none left': 704,
+           'repeats': 721, 'late': 722, 'ahead': 723, 'ahead of gyro': 724, 'gyro behind': 740}
 
 
 def compile_alone(source, language, *options):
@@ -238,6 +239,71 @@ def test_late_and_repeated_frames_are_named():
     reason = heads.fusion.head(2)['reason']
     assert reason['code'] == REASONS['late']
     assert reason['figure'][0] == pytest.approx(2.02, abs=1e-6)
+
+
+def test_one_head_alone_does_not_start_but_carries_on():
+    heads = Heads(2)
+    assert all(result is None for result in heads.run(10, heads=[0]))
+    assert heads.fusion.trouble['code'] == REASONS['no pair']
+    heads.run(10)
+    results = heads.run(50, heads=[0])
+    assert all(result is not None for result in results)
+    assert heads.error_arcsec(results[-1]) < 0.1
+
+
+def test_after_darkness_of_all_a_single_head_is_not_enough():
+    heads = Heads(2)
+    heads.run(10)
+    heads.time_s += 5.0
+    results = heads.run(10, heads=[0], errors={0: [0.0, 0.0, 2e-3]})
+    assert all(result is None for result in results)
+    assert any(result is not None for result in heads.run(3))
+
+
+def test_a_head_alone_that_disagrees_with_the_prediction_is_named():
+    heads = Heads(2)
+    heads.run(10)
+    heads.run(8, heads=[0])
+    for sign in (1, -1, 1, -1):
+        assert heads.run(1, heads=[0], errors={0: [sign * 1.0, 0.0, 0.0]}) == [None]
+    trouble = heads.fusion.trouble
+    assert trouble['code'] == REASONS['none left'] and trouble['figure'][0] == 0
+    assert trouble['figure'][1] == pytest.approx(np.degrees(1.0), rel=0.1)
+    assert heads.fusion.state(0) == 'excluded'
+
+
+def with_gyro(heads, frames, late_ticks=0, wrong=None):
+    """Run frames with four rates in each, and yield the results."""
+    for _ in range(frames):
+        for tick in range(1, 5):
+            heads.fusion.add_rate(heads.stamp(heads.time_s + 0.05 * (tick - late_ticks)), RATE)
+        yield heads.run(1)
+
+
+def test_a_gyro_that_agrees_is_used_and_one_that_comes_late_is_named():
+    heads = Heads(2)
+    results = list(with_gyro(heads, 20))
+    assert heads.fusion.uses_gyro and heads.fusion.gyro_trouble['code'] == 0
+    assert heads.error_arcsec(results[-1][-1]) < 0.1
+    late = Heads(2)
+    list(with_gyro(late, 20, late_ticks=8))
+    assert not late.fusion.uses_gyro
+    assert late.fusion.gyro_trouble['code'] == REASONS['gyro behind']
+    assert late.fusion.gyro_trouble['figure'][0] == pytest.approx(0.41, abs=1e-6)
+
+
+def test_frames_ahead_of_the_others_and_of_the_gyro_are_named():
+    heads = Heads(3)
+    heads.run(10)
+    for _ in range(10):
+        assert heads.frame(2, heads.time_s, stamp_s=heads.time_s + 3600) is None
+        heads.time_s += 0.01
+        assert all(result is not None for result in heads.run(1, heads=[0, 1]))
+    assert heads.fusion.head(2)['reason']['code'] == REASONS['ahead']
+    heads = Heads(3)
+    list(with_gyro(heads, 20))
+    assert heads.frame(1, heads.time_s, stamp_s=heads.time_s + 0.7) is None
+    assert heads.fusion.head(1)['reason']['code'] == REASONS['ahead of gyro']
 
 
 def test_the_velocity_of_an_unknown_date_does_not_average_out():

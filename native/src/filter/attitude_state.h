@@ -46,9 +46,9 @@ struct StateWith {
 /// That of a single tracker.
 using AttitudeState = StateWith<0>;
 
-/// What stars measure, in information form: the turn from a quaternion, 3 elements, or the turn and
-/// the difference from a rate, 6. information is the inverse covariance, which may be singular,
-/// vector is information times what was measured.
+/// What stars measure, in information form: the turn from a quaternion, 3 elements, or the turn
+/// and the difference from a rate, 6. information is the inverse covariance, which may be
+/// singular, vector is information times what was measured.
 struct Information {
     int size;  // 3 or 6
     Matrix<6, 6> information;

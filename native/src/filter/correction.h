@@ -13,7 +13,8 @@
 
 namespace st {
 
-/// The stars that are followed: directions (count) on ICRF axes, and which may correct the attitude.
+/// The stars that are followed: directions (count) on ICRF axes, and which may correct the
+/// attitude.
 struct FollowedStars {
     int count;
     const Vector3 *icrf;
@@ -29,21 +30,21 @@ struct CorrectionLimits {
 /// A predicted attitude, corrected by a frame. Lists are in the memory given to correct().
 ///
 /// Of the count stars that are predicted in the image: star is which of those followed, predicted
-/// is where, inlier whether it was detected and corrects the attitude; normalised is the distance of
-/// its most probable centroid from its position by the corrected state in sigma, distance_px the
-/// same in px, along a streak as many sigma of the narrow direction, both infinity where it was
-/// missed; best is that centroid, -1 where there is none in its gate.
+/// is where, inlier whether it was detected and corrects the attitude; normalised is the distance
+/// of its most probable centroid from its position by the corrected state in sigma, distance_px
+/// the same in px, along a streak as many sigma of the narrow direction, both infinity where it
+/// was missed; best is that centroid, -1 where there is none in its gate.
 ///
-/// agreed is false when there are too few inliers. innovation is the measured turn, whitened by its
-/// covariance: its square is the normalised innovation squared, of 3 degrees of freedom. The stars
-/// measure the turn from the predicted attitude, of covariance turn_covariance: measured. With a
-/// rolling shutter they measure the rate as well, and turn contains the error of the corrected rate;
-/// an error e of the acceleration that brought the rows to one time changes what they measure by
-/// by_acceleration e, zero without a rolling shutter.
+/// agreed is false when there are too few inliers. innovation is the measured turn, whitened by
+/// its covariance: its square is the normalised innovation squared, of 3 degrees of freedom. The
+/// stars measure the turn from the predicted attitude, of covariance turn_covariance: measured.
+/// With a rolling shutter they measure the rate as well, and turn contains the error of the
+/// corrected rate; an error e of the acceleration that brought the rows to one time changes what
+/// they measure by by_acceleration e, zero without a rolling shutter.
 ///
-/// stars counts the usable stars in the image, inliers those of the fit; of these residual_px is the
-/// rms of distance_px, chi2 the sum of normalised squared, typical the median of normalised, and
-/// precise that of the half with the least errors; NaN where there are too few.
+/// stars counts the usable stars in the image, inliers those of the fit; of these residual_px is
+/// the rms of distance_px, chi2 the sum of normalised squared, typical the median of normalised,
+/// and precise that of the half with the least errors; NaN where there are too few.
 struct Correction {
     bool agreed;
     int count;
@@ -69,9 +70,9 @@ size_t correction_work_bytes(int stars, int centroids);
 
 /// Associate centroids with predicted stars and correct the attitude by the inliers.
 ///
-/// One outlier is removed at a time, the worst: it biases the attitude and with it the residuals of
-/// all others. Of a rolling shutter centroids are where the predicted rate has the stars at the time
-/// of the frame, delay_s after which they are exposed; null without.
+/// One outlier is removed at a time, the worst: it biases the attitude and with it the residuals
+/// of all others. Of a rolling shutter centroids are where the predicted rate has the stars at the
+/// time of the frame, delay_s after which they are exposed; null without.
 Correction correct(const Lens &lens, const FollowedStars &stars, const CorrectionLimits &limits,
                    const AttitudeState &predicted, const Places &centroids, const double *delay_s,
                    const DetectionModel &detection, Arena &memory, Arena &work);

@@ -4,8 +4,8 @@
 // Measured body rates with their error model, and the propagation of an attitude by them.
 //
 // The errors are those of Farrenkopf's model (J. Guid. Control 1, 1978). A measured rate is the
-// mean over the interval since the previous measurement and is used over that interval. Where there
-// is none the nearest one is used, and the uncertainty grows with the distance in time.
+// mean over the interval since the previous measurement and is used over that interval. Where
+// there is none the nearest one is used, and the uncertainty grows with the distance in time.
 
 #pragma once
 

@@ -5,8 +5,8 @@
 
 namespace st {
 
-/// z = sum beta_j z_j,  R = sum beta_j (R_j + z_j z_j^T) - z z^T (Bar-Shalom and Fortmann, Tracking
-/// and Data Association, 1988, 6.4).
+/// z = sum beta_j z_j,  R = sum beta_j (R_j + z_j z_j^T) - z z^T (Bar-Shalom and Fortmann,
+/// Tracking and Data Association, 1988, 6.4).
 Innovation combined_innovation(const Point &predicted, const Places &centroids,
                                const Association &association, int track) {
     Innovation mixture{};

@@ -32,7 +32,8 @@
 // moments has no such tails as the mixture: with a mode of the probability p, whose mean is m away
 // and whose sigma is s, the sigma of an axis is at least (|m| + c s) / 5, c as of tail_sigmas().
 //
-// In a frame: predict_motion(), update_motion(), measure_motion(), then state_of() and with_tails().
+// In a frame: predict_motion(), update_motion(), measure_motion() (motion_steps.cpp; one step of a
+// mode is in modes.h), then state_of() and with_tails() (motion_published.cpp).
 
 #pragma once
 
@@ -54,8 +55,8 @@ enum class Kind { STEADY, TORQUE, SWING, JUMP };
 
 struct Mode {
     Kind kind;
-    /// Sigmas of a frame that the prediction is off by; of steady and jump the acceleration in units
-    /// of that of the options.
+    /// Sigmas of a frame that the prediction is off by; of steady and jump the acceleration in
+    /// units of that of the options.
     double size;
     double first_share;  // before the first frame, not normalised: most bodies turn smoothly
     /// Least share in the next frame: when a motion begins is not known before. What is predicted
@@ -95,8 +96,8 @@ constexpr ModeSet ONLY_STEADY = 1U;
 constexpr ModeSet WIDE[] = {1U << 7, 1U << 8};
 
 /// Probability that errors beyond WRONG_SIGMAS come from an improbable mode: of attitude and rate
-/// at the frame, and at other times: motions that may begin, which are hardly ever seen, would widen
-/// all that is predicted.
+/// at the frame, and at other times: motions that may begin, which are hardly ever seen, would
+/// widen all that is predicted.
 constexpr double MISSED = 2e-5, MISSED_AHEAD = 4e-5;
 /// The same by a jump within an exposure: most frames have no jump.
 constexpr double MISSED_LIGHT = 1e-3;
@@ -121,8 +122,8 @@ struct ModeState {
 struct Swing {
     Quaternion last;              // measured in the frame before
     Vector3 turn, change, older;  // from the frame before it, its change, and that before
-    /// Sums of a_k-1 (a_k + a_k-2) and of a_k-1^2, a the change, over its variance, less what noise
-    /// gives.
+    /// Sums of a_k-1 (a_k + a_k-2) and of a_k-1^2, a the change, over its variance, less what
+    /// noise gives.
     double product, energy;
     double w2;       // rad^2/s^2, 0 without a swing
     double weight;   // frames of which centre is the mean
@@ -199,8 +200,8 @@ Vector3 acceleration_of(const MotionWith<MOST> &motion);
 
 // --- from frame to frame ---
 
-/// Of the options: acceleration of steady and jump, 1 sigma of each axis, and the spectral densities
-/// with which drift and constants walk.
+/// Of the options: acceleration of steady and jump, 1 sigma of each axis, and the spectral
+/// densities with which drift and constants walk.
 template <int MOST>
 struct ProcessNoise {
     Vector3 acceleration_rad_s2;
@@ -215,11 +216,11 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
 
 /// What the stars of a frame measure of a motion.
 ///
-/// stars is their turn from a quaternion, and with 6 elements their difference from a rate as well.
-/// An acceleration a changes what they measure by L a: rows of a rolling shutter, which were brought
-/// to one time by the motion that was assumed, moved by its acceleration, and long streaks. So do
-/// constants. beside is L of the elements of the error state from the acceleration on, moved is L
-/// times what was assumed of them.
+/// stars is their turn from a quaternion, and with 6 elements their difference from a rate as
+/// well. An acceleration a changes what they measure by L a: rows of a rolling shutter, which were
+/// brought to one time by the motion that was assumed, moved by its acceleration, and long
+/// streaks. So do constants. beside is L of the elements of the error state from the acceleration
+/// on, moved is L times what was assumed of them.
 template <int MOST>
 struct MotionMeasurement {
     Quaternion quaternion;
@@ -239,8 +240,8 @@ template <int MOST>
 void measure_motion(int64_t before_ns, const Quaternion &quaternion, const Matrix3 &R,
                     MotionWith<MOST> &motion);
 
-/// Return the weights after a frame as what has been seen has them, without the least shares of the
-/// next frame.
+/// Return the weights after a frame as what has been seen has them, without the least shares of
+/// the next frame.
 Weights by_experience(const Weights &weight, const Weights &share);
 
 // --- what is published ---

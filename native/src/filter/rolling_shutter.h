@@ -3,8 +3,8 @@
 
 // Centroids of a rolling shutter: each is exposed at the time of its own row.
 //
-// A star is exposed d = delay_s after the time of the frame. At the rate w and the acceleration a it
-// is then J (w d + a d^2 / 2) away from where it was at that time, J the image flow.
+// A star is exposed d = delay_s after the time of the frame. At the rate w and the acceleration a
+// it is then J (w d + a d^2 / 2) away from where it was at that time, J the image flow.
 
 #pragma once
 

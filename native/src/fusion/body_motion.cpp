@@ -48,8 +48,9 @@ void BodyMotion::reset() {
 void BodyMotion::clear_gyro() {
     gyro_.clear();
     uses_gyro = false;
-    for (GyroAgreement &one : agreement_) {
-        one = {};
+    for (int k = 0; k < ST_MOST_HEADS; ++k) {
+        agreement_[k] = {};
+        has_compared_[k] = false;
     }
 }
 
@@ -62,8 +63,10 @@ void BodyMotion::forget_gyro() {
 
 void BodyMotion::contradict_gyro(const st_reason &trouble) {
     gyro_trouble = trouble;
-    for (GyroAgreement &one : agreement_) {
-        contradict_agreement(one);
+    for (int k = 0; k < ST_MOST_HEADS; ++k) {
+        if (has_compared_[k]) {
+            contradict_agreement(agreement_[k]);
+        }
     }
 }
 
@@ -151,6 +154,7 @@ void BodyMotion::propagate_at_constant_rate(const BodyMotionState &before, int64
 bool BodyMotion::compare_gyro(int head, int64_t before_ns, const BodyState &after,
                               const HeadMeasurement &measured) {
     GyroAgreement &agreement = agreement_[head];
+    has_compared_[head] = true;
     const int64_t stamp_ns = after.stamp_ns;
     if (stamp_ns <= before_ns) {
         return false;

@@ -28,21 +28,22 @@ public:
     /// Use the gyro only after it has agreed with the heads again.
     void forget_gyro();
 
-    /// Let the gyro agree with the heads for longer before it is used again.
+    /// Let the gyro agree for longer, with the heads that have compared it, before it is used
+    /// again.
     void contradict_gyro(const st_reason &trouble);
 
     /// 1-sigma error of a drift of which nothing is known.
     double drift_sigma_rad_s() const { return gyro_.model.drift_sigma_rad_s; }
 
-    /// Add a rate about body axes; false if it is rejected or not newer than the last. A jump of time
-    /// back by more than a second is another gyro.
+    /// Add a rate about body axes; false if it is rejected or not newer than the last. A jump of
+    /// time back by more than a second is another gyro.
     bool add_rate(int64_t stamp_ns, const Vector3 &rate_rad_s);
 
     /// Whether the rates propagate a state to a time.
     bool gyro_runs(int64_t stamp_ns) const;
 
-    /// Whether the rates end so long before a time that they predict nothing sharp: a state predicted
-    /// so would take any frame of that time for right.
+    /// Whether the rates end so long before a time that they predict nothing sharp: a state
+    /// predicted so would take any frame of that time for right.
     bool extrapolates(int64_t stamp_ns) const;
 
     /// Return the longest time without frames before a time.
@@ -77,6 +78,7 @@ private:
     Gyro gyro_;
     Vector<3 + MOST_CONSTANTS> walk_;
     GyroAgreement agreement_[ST_MOST_HEADS];
+    bool has_compared_[ST_MOST_HEADS];
 };
 
 }  // namespace st

@@ -54,7 +54,8 @@ HeadInnovation innovation_of(const BodyState &state, const HeadMeasurement &meas
     return {measured, z, dot(z, inverse(S) * z)};
 }
 
-/// The noise of a frame is a mean by information: each axis is known from the heads that see it well.
+/// The noise of a frame is a mean by information: each axis is known from the heads that see it
+/// well.
 void update_by_head(const HeadMeasurement &measured, int64_t before_ns, const double *assumed,
                     BodyMotionState &motion) {
     MotionMeasurement<MOST_CONSTANTS> stars{};

@@ -3,8 +3,8 @@
 
 // The state of the fusion: the motion of the body, and the misalignments of heads beside it.
 //
-// It is that of filter/motion.h, whose constants are the coefficients c of the mounts. Its error state
-// about body axes is [turn rad, rate rad/s, drift rad/s, c].
+// It is that of filter/motion.h, whose constants are the coefficients c of the mounts. Its error
+// state about body axes is [turn rad, rate rad/s, drift rad/s, c].
 
 #pragma once
 
@@ -45,7 +45,8 @@ struct FusedState {
 /// Fill the state of a motion by weights.
 void fuse(const BodyMotionState &motion, const Weights &weight, FusedState &state);
 
-/// Whether the covariance is one: finite, no variance negative, that of the attitude positive definite.
+/// Whether the covariance is one: finite, no variance negative, that of the attitude positive
+/// definite.
 bool has_covariance(const BodyState &state);
 
 /// What a measurement differs from a state by: z, and z^T S^-1 z.
@@ -57,8 +58,8 @@ struct HeadInnovation {
 
 HeadInnovation innovation_of(const BodyState &state, const HeadMeasurement &measured);
 
-/// Update a motion by a measurement for which these coefficients of its mount were assumed; before_ns
-/// is the stamp of the frame before.
+/// Update a motion by a measurement for which these coefficients of its mount were assumed;
+/// before_ns is the stamp of the frame before.
 void update_by_head(const HeadMeasurement &measured, int64_t before_ns, const double *assumed,
                     BodyMotionState &motion);
 

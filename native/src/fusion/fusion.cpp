@@ -21,6 +21,7 @@ constexpr int RESTART_FRAMES = 3;    // in a row that no state can be compared w
 constexpr double SHARP_RAD =
     10 * ARCSEC;  // a prediction that decides alone whether a head is right
 constexpr double START_RAD = 0.1, START_RAD_S = 0.1;
+constexpr int START_FRAMES = 3;   // of a start, at most
 constexpr double FRAME_S = 0.05;  // of a head, at least, for what is derived
 constexpr int SPARE_FRAMES = 16, DERIVED_RATES = 1 << 16;
 
@@ -50,11 +51,6 @@ bool is_date(int64_t stamp_ns) {
     return 0 <= years && years <= LAST_DATE_YEARS;
 }
 
-int modes_size(int coefficients) {
-    const int n = CONSTANT + coefficients;
-    return MODES * (n + n * n);
-}
-
 }  // namespace
 
 // --- memory ---
@@ -70,7 +66,7 @@ int Fusion::coefficients_of(const st_fusion_config &config, const st_mount *moun
 /// Return how many frames are stored, at least those of a start.
 static int frames_of(const st_fusion_config &config) {
     if (config.frames > 0) {
-        return config.frames > 3 ? config.frames : 3;
+        return config.frames > START_FRAMES ? config.frames : START_FRAMES;
     }
     return SPARE_FRAMES + config.heads * static_cast<int>(config.fusion.horizon_s / FRAME_S);
 }
@@ -82,15 +78,11 @@ static int rates_of(const st_fusion_config &config) {
 size_t Fusion::bytes(const st_fusion_config &config, const st_mount *mounts) {
     const int m = coefficients_of(config, mounts);
     const auto heads = static_cast<size_t>(config.heads);
-    // One more than are stored, for the frame that comes, and three of a start.
-    const auto frames = static_cast<size_t>(frames_of(config)) + 1;
-    const auto size = static_cast<size_t>(modes_size(m));
-    return heads * (Arena::padded<double>(static_cast<size_t>(config.fusion.agree_frames)) +
-                    Arena::padded<st_mount_step>(1)) +
-           Arena::padded<Series>(heads) +
+    return heads * Arena::padded<double>(static_cast<size_t>(config.fusion.agree_frames)) +
+           Arena::padded<st_mount_step>(heads) + Arena::padded<Series>(heads) +
            Arena::padded<MeasuredRate>(static_cast<size_t>(rates_of(config))) +
-           Arena::padded<double>(static_cast<size_t>(m * m)) + Arena::padded<FusionEntry>(frames) +
-           Arena::padded<int>(frames) + (frames + 3) * Arena::padded<double>(size) +
+           Arena::padded<double>(static_cast<size_t>(m * m)) +
+           History::bytes(frames_of(config), m) + History::bytes(START_FRAMES, m) +
            2 * Arena::padded<BodyMotionState>(1);
 }
 
@@ -116,17 +108,8 @@ void Fusion::start(const st_fusion_config &config, const st_mount *mounts, Arena
                   arena.take<MeasuredRate>(static_cast<size_t>(rates)), rates);
     mount_covariance_ =
         arena.take<double>(static_cast<size_t>(coefficient_count_ * coefficient_count_));
-    capacity_ = frames_of(config);
-    entries_ = arena.take<FusionEntry>(static_cast<size_t>(capacity_) + 1);
-    order_ = arena.take<int>(static_cast<size_t>(capacity_) + 1);
-    const auto size = static_cast<size_t>(modes_size(coefficient_count_));
-    for (int k = 0; k <= capacity_; ++k) {
-        order_[k] = k;
-        entries_[k].modes = arena.take<double>(size);
-    }
-    for (FusionEntry &one : begun_) {
-        one.modes = arena.take<double>(size);
-    }
+    history_.start(frames_of(config), coefficient_count_, arena);
+    begun_.start(START_FRAMES, coefficient_count_, arena);
     before_ = arena.take<BodyMotionState>(1);
     after_ = arena.take<BodyMotionState>(1);
     detector_.start(count_, series);
@@ -141,54 +124,16 @@ void Fusion::reset() {
     motion_.reset();
     detector_.restart();
     steps_.clear();
-    history_ = 0;
     drop(reason_of(ST_FUSION_WAITING, {}));
     has_previous_ = false;
 }
 
 /// Drop the attitude, not the mounts.
 void Fusion::drop(const st_reason &trouble) {
-    history_ = 0;
+    history_.clear();
     trouble_ = trouble;
     untested_ = 0;
     motion_.forget_gyro();
-}
-
-/// Store the part of the modes that is in use.
-void Fusion::store(const BodyMotionState &motion, FusionEntry &entry) const {
-    const int n = motion.size();
-    const size_t row = static_cast<size_t>(n) * sizeof(double);
-    double *to = entry.modes;
-    entry.summary = motion;
-    for (const auto &mode : motion.mode) {
-        std::memcpy(to, mode.mean.element, row);
-        to += n;
-        for (int i = 0; i < n; ++i, to += n) {
-            std::memcpy(to, mode.covariance[i], row);
-        }
-    }
-}
-
-void Fusion::load(const FusionEntry &entry, BodyMotionState &motion) const {
-    static_cast<MotionSummary<MOST_CONSTANTS> &>(motion) = entry.summary;
-    const int n = motion.size();
-    const size_t row = static_cast<size_t>(n) * sizeof(double);
-    const double *from = entry.modes;
-    for (auto &mode : motion.mode) {
-        std::memcpy(mode.mean.element, from, row);
-        from += n;
-        for (int i = 0; i < n; ++i, from += n) {
-            std::memcpy(mode.covariance[i], from, row);
-        }
-    }
-}
-
-void Fusion::forget_oldest() {
-    const int freed = order_[0];
-    for (int k = 1; k < history_; ++k) {
-        order_[k - 1] = order_[k];
-    }
-    order_[--history_] = freed;
 }
 
 // --- input ---
@@ -202,13 +147,13 @@ void Fusion::add_frame(int number, const HeadFrame &given, st_fused &fused) {
         head.reason = reason_of(ST_HEAD_REPEATS, {});
         return;
     }
-    if (history_ == 0) {
+    if (history_.count() == 0) {
         start_with(head, frame, fused);
         return;
     }
-    const int64_t newest_ns = newest().stamp_ns();
+    const int64_t newest_ns = history_.newest().stamp_ns();
     const double late_s = seconds(newest_ns - frame.stamp_ns);
-    if (late_s > config_.fusion.horizon_s || frame.stamp_ns < entry(0).stamp_ns()) {
+    if (late_s > config_.fusion.horizon_s || frame.stamp_ns < history_[0].stamp_ns()) {
         ++head.counts.late;
         head.reason = reason_of(ST_HEAD_LATE, {late_s});
     } else if (-late_s > motion_.bridged_s(frame.stamp_ns)) {
@@ -250,19 +195,17 @@ void Fusion::use(const Head &head, const HeadFrame &frame, int64_t before_ns,
 
 /// Compare a frame with the state of its time and use it if the head counts.
 void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
-    int index = history_;
-    while (index > 0 && entry(index - 1).stamp_ns() > frame.stamp_ns) {
-        --index;
-    }
-    const bool is_newest = index == history_;
-    const int64_t before_ns = entry(index - 1).stamp_ns();
-    load(entry(index - 1), *before_);
+    const int index = history_.place_of(frame.stamp_ns);
+    const bool is_newest = index == history_.count();
+    history_[index - 1].load(*before_);
+    const int64_t before_ns = before_->stamp_ns;
     motion_.propagate(*before_, frame.stamp_ns, *after_, state_);
     if (gave_up(state_)) {
         return;
     }
     HeadInnovation found = innovation(state_, head, frame);
-    if (found.nis > GATE && is_newest && is_alone(head, frame.stamp_ns)) {
+    // Written so that NaN is rejected.
+    if (!(found.nis <= GATE) && is_newest && is_alone(head, frame.stamp_ns)) {
         for (const ModeSet mode : WIDE) {
             fuse(*after_, weights_of(after_->weight, mode), state_);
             found = innovation(state_, head, frame);
@@ -274,7 +217,7 @@ void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
     if (head.state == ST_HEAD_USED) {
         head.noise.add(found.nis, least_noise(frame.stamp_ns, head));
     }
-    if (found.nis > GATE) {
+    if (!(found.nis <= GATE)) {
         ++head.counts.disagreeing;
         dispute(head, frame, found, fused);
         return;
@@ -344,12 +287,12 @@ bool Fusion::counts(Head &head, const HeadFrame &frame, const HeadInnovation &fo
     if (head.agreed_count() < options.agree_frames) {
         return false;
     }
-    if (head.agreed_sum() > options.agree_frames * RETURN_GATE) {
+    if (!(head.agreed_sum() <= options.agree_frames * RETURN_GATE)) {
         // An error that lasts shows in the mean, though each frame is within the gate.
         head.enter(ST_HEAD_EXCLUDED, difference(found));
         return false;
     }
-    if (found.nis > RETURN_GATE) {
+    if (!(found.nis <= RETURN_GATE)) {
         return false;
     }
     head.enter(ST_HEAD_USED, {});
@@ -368,7 +311,7 @@ void Fusion::dispute(Head &head, const HeadFrame &frame, const HeadInnovation &f
         head.disagreed = disagreed;
     }
     const int agreeing = live(frame.stamp_ns);
-    const int64_t newest_ns = newest().stamp_ns();
+    const int64_t newest_ns = history_.newest().stamp_ns();
     const bool restarted = agreeing < 2 && start_with(head, frame, fused);
     if (!restarted && agreeing == 0 && live(newest_ns) == 0) {
         trouble_ =
@@ -379,29 +322,19 @@ void Fusion::dispute(Head &head, const HeadFrame &frame, const HeadInnovation &f
 /// Insert a frame with the motion after it, use those after it again, and forget those beyond the
 /// horizon.
 void Fusion::insert(int index, const Head &head, const HeadFrame &frame) {
-    const int slot = order_[history_];
-    for (int k = history_; k > index; --k) {
-        order_[k] = order_[k - 1];
-    }
-    order_[index] = slot;
-    ++history_;
-    entry(index).frame = frame;
-    entry(index).head = head.number;
-    store(*after_, entry(index));
-    for (int k = index + 1; k < history_; ++k) {
-        FusionEntry &later = entry(k);
-        load(entry(k - 1), *before_);
+    history_.insert(index).store(frame, head.number, *after_);
+    for (int k = index + 1; k < history_.count(); ++k) {
+        FusionEntry &later = history_[k];
+        history_[k - 1].load(*before_);
         motion_.propagate(*before_, later.frame.stamp_ns, *after_, state_);
         use(heads_[later.head], later.frame, before_->stamp_ns, *after_);
-        store(*after_, later);
+        later.store(*after_);
     }
-    if (index + 1 < history_) {
+    if (index + 1 < history_.count()) {
         fuse(*after_, after_->weight, updated_);
     }
-    const int64_t oldest_ns = newest().stamp_ns() - std::llrint(config_.fusion.horizon_s * 1e9);
-    while (history_ > 1 && (entry(1).stamp_ns() <= oldest_ns || history_ > capacity_)) {
-        forget_oldest();
-    }
+    history_.forget_until(history_.newest().stamp_ns() -
+                          std::llrint(config_.fusion.horizon_s * 1e9));
     follow_mounts(updated_);
     untested_ = 0;
     trouble_ = {};
@@ -422,7 +355,7 @@ void Fusion::forget_motion() {
     const double interval_s = after_->interval_s;
     start_motion(body, updated_.coefficients, noise, interval_s, *after_);
     fuse(*after_, after_->weight, updated_);
-    store(*after_, newest());
+    history_.newest().store(*after_);
 }
 
 /// Fill the attitude of the newest state.
@@ -451,11 +384,11 @@ void Fusion::fill(st_fused &fused) {
 
 /// Return the variance per axis of an error that is in all frames: of an unknown date.
 double Fusion::lasting_rad2() const {
-    if (is_date(newest().stamp_ns())) {
+    if (is_date(history_.newest().stamp_ns())) {
         return 0.0;
     }
     // Across the boresight, which two axes are. Heads of a sky without aberration have less.
-    const double across = symmetric_eigen(newest().frame.covariance).value[1];
+    const double across = symmetric_eigen(history_.newest().frame.covariance).value[1];
     const double aberration2 = (square(EARTH_M_S) + square(ORBIT_M_S)) / 3 / square(LIGHT_M_S);
     return std::fmin(across, aberration2);
 }
@@ -499,8 +432,8 @@ double Fusion::least_noise(int64_t stamp_ns, const Head &but) const {
 
 // --- start ---
 
-/// Start with two frames of a head and one of another that agrees, or with one head; return whether it
-/// did. A state before is replaced: its mounts are used again, not its gyro.
+/// Start with two frames of a head and one of another that agrees, or with one head; return
+/// whether it did. A state before is replaced: its mounts are used again, not its gyro.
 bool Fusion::start_with(Head &head, const HeadFrame &frame, st_fused &fused) {
     st_reason trouble{};
     int found[ST_MOST_HEADS];
@@ -509,16 +442,16 @@ bool Fusion::start_with(Head &head, const HeadFrame &frame, st_fused &fused) {
         const Head &other = heads_[found[c]];
         // Heads that have agreed before see a manoeuvre, others may be wrong by its size.
         const bool known =
-            history_ > 0 && head.state == ST_HEAD_USED && other.state == ST_HEAD_USED;
+            history_.count() > 0 && head.state == ST_HEAD_USED && other.state == ST_HEAD_USED;
         begin(other);
         if (&other == &head) {
-            started(2, fused);
+            started(fused);
             return true;
         }
         motion_.propagate_at_constant_rate(*before_, frame.stamp_ns,
                                            known ? RESTART_FACTOR : START_FACTOR, *after_, state_);
         const HeadInnovation innovation_found = innovation(state_, head, frame);
-        if (innovation_found.nis > RETURN_GATE) {
+        if (!(innovation_found.nis <= RETURN_GATE)) {
             const bool first = head.number < other.number;
             trouble = reason_of(ST_FUSION_DISAGREE,
                                 {static_cast<double>(first ? head.number : other.number),
@@ -526,11 +459,11 @@ bool Fusion::start_with(Head &head, const HeadFrame &frame, st_fused &fused) {
                                  norm(innovation_found.z) * 180 / M_PI});
             continue;
         }
-        add_begun(2, head, frame);
-        started(3, fused);
+        add_begun(head, frame);
+        started(fused);
         return true;
     }
-    if (history_ == 0) {
+    if (history_.count() == 0) {
         trouble_ = trouble.code != 0
                        ? trouble
                        : reason_of(needed_ > 1 ? ST_FUSION_NO_PAIR : ST_FUSION_WAITING, {});
@@ -570,7 +503,7 @@ int Fusion::candidates(const Head &head, const HeadFrame &frame, int *found) con
 /// Whether another head has new frames of its own that are in use nowhere.
 bool Fusion::is_candidate(const Head &other, const HeadFrame &frame) const {
     if (other.recent_count < 2 ||
-        (history_ > 0 && other.has_used && other.used_ns == other.recent[1].stamp_ns)) {
+        (history_.count() > 0 && other.has_used && other.used_ns == other.recent[1].stamp_ns)) {
         return false;
     }
     const double age_s = seconds(frame.stamp_ns - other.recent[1].stamp_ns);
@@ -605,40 +538,37 @@ void Fusion::begin(const Head &head) {
     }
     const Matrix3 &R = seen.covariance;
     start_motion(body, coefficients_, {{R[0][0], R[1][1], R[2][2]}}, dt_s, *before_);
-    if (history_ > 0) {
-        load(newest(), *after_);
+    if (history_.count() > 0) {
+        history_.newest().load(*after_);
         resume_motion(*after_, *before_);
     }
-    add_begun(0, head, first);
-    add_begun(1, head, second);
+    begun_.clear();
+    add_begun(head, first);
+    add_begun(head, second);
 }
 
 /// Go on from the motion in before_ by a frame of a start, and leave what comes after there.
-void Fusion::add_begun(int index, const Head &head, const HeadFrame &frame) {
+void Fusion::add_begun(const Head &head, const HeadFrame &frame) {
     motion_.propagate_without_gyro(*before_, frame.stamp_ns, *after_, state_);
     use(head, frame, before_->stamp_ns, *after_);
-    begun_[index].frame = frame;
-    begun_[index].head = head.number;
-    store(*after_, begun_[index]);
+    begun_.insert(begun_.count()).store(frame, head.number, *after_);
     BodyMotionState *const exchanged = before_;
     before_ = after_;
     after_ = exchanged;
 }
 
 /// Use the motions of a start.
-void Fusion::started(int count, st_fused &fused) {
-    const int64_t stamp_ns = begun_[count - 1].stamp_ns();
-    if (history_ > 0 && motion_.gyro_runs(stamp_ns) &&
-        static_cast<double>(stamp_ns - newest().stamp_ns()) <=
-            config_.fusion.max_gyro_gap_s * 1e9) {
+void Fusion::started(st_fused &fused) {
+    const int64_t stamp_ns = begun_.newest().stamp_ns();
+    if (history_.count() > 0 && motion_.gyro_runs(stamp_ns) &&
+        seconds(stamp_ns - history_.newest().stamp_ns()) <= config_.fusion.max_gyro_gap_s) {
         motion_.contradict_gyro(reason_of(ST_FUSION_GYRO_HEADS, {}));
     }
     drop({});
-    for (int k = 0; k < count; ++k) {
-        FusionEntry &one = entries_[order_[k]];
-        double *const modes = one.modes;
-        one = begun_[k];
-        begun_[k].modes = modes;
+    for (int k = 0; k < begun_.count(); ++k) {
+        const FusionEntry &one = begun_[k];
+        one.load(*after_);
+        history_.insert(k).store(one.frame, one.head, *after_);
         Head &head = heads_[one.head];
         if (head.state != ST_HEAD_USED) {
             head.enter(ST_HEAD_USED, {});
@@ -649,8 +579,6 @@ void Fusion::started(int count, st_fused &fused) {
         head.used_ns = one.frame.stamp_ns;
         ++head.counts.used;
     }
-    history_ = count;
-    load(newest(), *after_);
     fuse(*after_, after_->weight, updated_);
     follow_mounts(updated_);
     fill(fused);
@@ -713,8 +641,8 @@ st_mount Fusion::learnt(int number) const {
     return head.learnt(coefficients_ + first, mount_covariance_ + first * m + first, m);
 }
 
-/// Drop the attitude where a mount has left what its file allows, and exclude the head. The reference,
-/// where two others have left theirs: all mounts are against it.
+/// Drop the attitude where a mount has left what its file allows, and exclude the head. The
+/// reference, where two others have left theirs: all mounts are against it.
 bool Fusion::has_implausible_mounts(int64_t stamp_ns) {
     bool is_wrong[ST_MOST_HEADS] = {};
     int wrong = 0;
@@ -756,7 +684,8 @@ Fusion::Offset Fusion::offset_of(const Head &head, const HeadInnovation &found) 
     return offset;
 }
 
-/// Look for steps of the mounts in the differences of the heads. A mount that has made one is not known.
+/// Look for steps of the mounts in the differences of the heads. A mount that has made one is not
+/// known.
 void Fusion::observe(const Head &head, int64_t stamp_ns, const Offset &offset) {
     detector_.add(head.number, stamp_ns, offset.rad, offset.variance, offset.law, steps_);
     for (const st_mount_step &step : steps_) {
@@ -764,14 +693,8 @@ void Fusion::observe(const Head &head, int64_t stamp_ns, const Offset &offset) {
         const double square_rad =
             square(step.size_rad[0]) + square(step.size_rad[1]) + square(step.size_rad[2]);
         moved.stepped_rad2 += square_rad;
-        const int n = CONSTANT + coefficient_count_;
-        for (int k = 0; k < history_; ++k) {
-            for (int mode = 0; mode < MODES; ++mode) {
-                double *P = entry(k).modes + mode * (n + n * n) + n;
-                for (int axis = 0; axis < 3; ++axis) {
-                    P[(CONSTANT + moved.columns.first + axis) * (n + 1)] += square_rad;
-                }
-            }
+        for (int k = 0; k < history_.count(); ++k) {
+            history_[k].widen(moved.columns, square_rad);
         }
     }
 }

@@ -3,38 +3,32 @@
 
 // Several heads, one attitude of the body: each head is checked against the others and the gyro.
 //
-// Frames may come late and out of order. States are stored over the horizon; a late frame corrects the
-// state of its time, from which the frames after it are used again.
+// Frames may come late and out of order. States are stored over the horizon; a late frame corrects
+// the state of its time, from which the frames after it are used again.
 //
-// A frame: add_frame() brings it to the time of the body; test() predicts the state to it, compares
-// both, and updates the state if the head counts; start() begins with heads that agree.
+// A frame: add_frame() brings it to the time of the body; test() predicts the state to it,
+// compares both, and updates the state if the head counts; start_with() starts from heads that
+// agree.
 
 #pragma once
 
 #include "fusion/body_motion.h"
 #include "fusion/head.h"
+#include "fusion/history.h"
 #include "fusion/steps.h"
 #include "maths/arena.h"
 
 namespace st {
 
-/// A frame and the motion after it, without the room that its modes do not use.
-struct FusionEntry {
-    HeadFrame frame;
-    int head;
-    MotionSummary<MOST_CONSTANTS> summary;
-    double *modes;
-
-    int64_t stamp_ns() const { return summary.stamp_ns; }
-};
-
 class Fusion {
 public:
-    /// Return the bytes of memory that start() takes, and whether options and mounts fit.
+    /// Return the bytes of memory that start() takes.
     static size_t bytes(const st_fusion_config &config, const st_mount *mounts);
+
+    /// Return how many coefficients the mounts have.
     static int coefficients_of(const st_fusion_config &config, const st_mount *mounts);
 
-    /// Start without frames; config has no zero for what is derived.
+    /// Start without frames, with MOST_CONSTANTS coefficients at most.
     void start(const st_fusion_config &config, const st_mount *mounts, Arena &arena);
 
     /// Forget attitude, gyro and frames; the mounts are those of start() again.
@@ -97,8 +91,8 @@ private:
     int candidates(const Head &head, const HeadFrame &frame, int *found) const;
     bool is_candidate(const Head &other, const HeadFrame &frame) const;
     void begin(const Head &head);
-    void add_begun(int index, const Head &head, const HeadFrame &frame);
-    void started(int count, st_fused &fused);
+    void add_begun(const Head &head, const HeadFrame &frame);
+    void started(st_fused &fused);
     void drop(const st_reason &trouble);
 
     // --- mounts ---
@@ -107,15 +101,6 @@ private:
     bool has_implausible_mounts(int64_t stamp_ns);
     Offset offset_of(const Head &head, const HeadInnovation &found) const;
     void observe(const Head &head, int64_t stamp_ns, const Offset &offset);
-
-    // --- motions that are stored ---
-    FusionEntry &entry(int index) { return entries_[order_[index]]; }
-    const FusionEntry &entry(int index) const { return entries_[order_[index]]; }
-    FusionEntry &newest() { return entry(history_ - 1); }
-    const FusionEntry &newest() const { return entry(history_ - 1); }
-    void store(const BodyMotionState &motion, FusionEntry &entry) const;
-    void load(const FusionEntry &entry, BodyMotionState &motion) const;
-    void forget_oldest();
 
     st_fusion_config config_;
     int count_, coefficient_count_, needed_;
@@ -130,11 +115,7 @@ private:
     double coefficients_[MOST_CONSTANTS];  // of all mounts, by the newest state or the files
     double *mount_covariance_;             // (coefficients, coefficients)
 
-    // order_ lists the entries, oldest first; those from history_ on are free.
-    FusionEntry *entries_;
-    int *order_;
-    int capacity_, history_;
-    FusionEntry begun_[3];              // of a start
+    History history_, begun_;           // of a start: three frames at most
     BodyMotionState *before_, *after_;  // of a step
     FusedState state_, updated_;        // predicted, and after the update
 };

@@ -32,8 +32,8 @@ double square(double x) {
     return x * x;
 }
 
-/// Return phi: 1, the temperature above the reference, cosine and sine of the orbit. The phase counts
-/// from stamp 0, so that it lasts over a restart.
+/// Return phi: 1, the temperature above the reference, cosine and sine of the orbit. The phase
+/// counts from stamp 0, so that it lasts over a restart.
 Vector<MOST_TERMS> basis(int64_t stamp_ns, double temperature_k, double period_s) {
     const double time_s = static_cast<double>(stamp_ns) * 1e-9;
     const double phase = 2 * M_PI * std::fmod(time_s, period_s) / period_s;
@@ -314,7 +314,8 @@ bool Head::accept(HeadFrame &frame) {
     return true;
 }
 
-/// q_icrf_from_body = q_icrf_from_sensor q_sensor_from_body exp(-B c), and M C M^T, M body from sensor.
+/// q_icrf_from_body = q_icrf_from_sensor q_sensor_from_body exp(-B c), and M C M^T, M body from
+/// sensor.
 HeadMeasurement Head::measurement(const HeadFrame &frame, const double *coefficients) const {
     HeadMeasurement measured{multiply(frame.quaternion, sensor_from_body_),
                              body_from_sensor_ * frame.covariance * transposed(body_from_sensor_),

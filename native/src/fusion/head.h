@@ -26,9 +26,9 @@ bool is_attitude(const HeadFrame &frame);
 
 /// The scale by which the covariance of a head is multiplied.
 ///
-/// It matches the normalised innovation squared (NIS) with its expectation (covariance matching, Mehra,
-/// IEEE Trans. Autom. Control 17, 1972). Only a head that stands out from the best of the others is
-/// scaled: a manoeuvre or a wrong gyro enlarges the innovations of all heads.
+/// It matches the normalised innovation squared (NIS) with its expectation (covariance matching,
+/// Mehra, IEEE Trans. Autom. Control 17, 1972). Only a head that stands out from the best of the
+/// others is scaled: a manoeuvre or a wrong gyro enlarges the innovations of all heads.
 struct HeadNoise {
     double scale, nis;
 
@@ -75,8 +75,8 @@ public:
     const double *prior_mean() const { return prior_mean_; }
     const Matrix<MOST_OWN, MOST_OWN> &prior_covariance() const { return prior_covariance_; }
 
-    /// Whether a mount may have come to these coefficients from what its file has. Frame by frame a
-    /// head that is wrong by less than its gate could bend its mount to fit.
+    /// Whether a mount may have come to these coefficients from what its file has. Frame by frame
+    /// a head that is wrong by less than its gate could bend its mount to fit.
     bool is_plausible(const double *coefficients, int64_t stamp_ns);
 
     /// Return the spectral density rad^2/s of a coefficient.
@@ -92,10 +92,11 @@ public:
 
     // --- frames ---
 
-    /// Bring a frame to the time of the body and make it the next of recent; false if it is repeated.
+    /// Bring a frame to the time of the body and make it the next of recent; false if it is
+    /// repeated.
     ///
-    /// Frames whose errors are correlated by rho = exp(-dt / correlation_s) have the information of
-    /// independent ones of (1 + rho) / (1 - rho) times their covariance (mean of an AR(1)).
+    /// Frames whose errors are correlated by rho = exp(-dt / correlation_s) have the information
+    /// of independent ones of (1 + rho) / (1 - rho) times their covariance (mean of an AR(1)).
     bool accept(HeadFrame &frame);
 
     /// Return the attitude of the body by a frame; coefficients are its own.

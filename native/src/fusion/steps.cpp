@@ -29,8 +29,8 @@ struct Basis {
     double of[MOST_BLOCKS][SHAPES];
 };
 
-/// Return the basis of the columns of A whose singular values are not negligible: A = Q R by Gram and
-/// Schmidt, twice (Golub and Van Loan, 5.2.9), R = U S V^T, and the basis is Q U.
+/// Return the basis of the columns of A whose singular values are not negligible: A = Q R by Gram
+/// and Schmidt, twice (Golub and Van Loan, 5.2.9), R = U S V^T, and the basis is Q U.
 Basis basis_of(double (&A)[MOST_BLOCKS][SHAPES], int rows) {
     Matrix<SHAPES, SHAPES> R{};
     for (int k = 0; k < SHAPES; ++k) {

@@ -3,9 +3,9 @@
 
 // Steps of mounts: one head's attitude against the reference's, before and after a time.
 //
-// The difference of two heads has no error of the attitude. Over the last WINDOW_S it is fitted by a
-// parabola, for slow bending, and by the law of the mount, with and without a step at the border of two
-// blocks: the generalised likelihood ratio is the chi-square of the step.
+// The difference of two heads has no error of the attitude. Over the last WINDOW_S it is fitted by
+// a parabola, for slow bending, and by the law of the mount, with and without a step at the border
+// of two blocks: the generalised likelihood ratio is the chi-square of the step.
 
 #pragma once
 
@@ -34,7 +34,8 @@ struct StepBlock {
     Law law;
 };
 
-/// A head minus the reference in a block: its variance by that of the frames, and by their scatter.
+/// A head minus the reference in a block: its variance by that of the frames, and by their
+/// scatter.
 struct Difference {
     int64_t number;
     Vector3 offset_rad, variance, scatter;
