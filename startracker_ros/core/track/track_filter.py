@@ -43,6 +43,14 @@ class TrackerState(StrEnum):
 _STATES = tuple(TrackerState)
 
 
+def _fields(struct: np.ndarray, first: str, last: str, kind: type) -> np.ndarray:
+    """Return a view of the fields of one kind from the first to the last."""
+    fields = dict(struct.dtype.fields or {})
+    places = [fields[name][1] for name in (first, last)]
+    size = np.dtype(kind).itemsize
+    return struct.reshape(1).view(np.uint8)[places[0]:places[1] + size].view(kind)
+
+
 class TrackFilter:
     """
     Tracks identified stars through frames of centroids, by the native library.
@@ -87,6 +95,12 @@ class TrackFilter:
         self._tracking, self._hint = (np.zeros((), kind) for kind in (
             native.TRACKING, native.HINT))
         self._tracking_at = self._tracking.ctypes.data
+        # Fields beside each other, which are read at once.
+        self._whole = _fields(self._tracking, 'state', 'checks_passed', np.int32)
+        self._figures = _fields(self._tracking, 'residual_px', 'stamp_sigma_s', np.float64)
+        self._reasons = [self._tracking[name] for name in (
+            'reason', 'contradiction', 'gyro_trouble')]
+        self._attitude: TrackedAttitude | None = None
         self._observers = ObserverInput(self._tracker, motion)
         self.reset()
 
@@ -166,24 +180,23 @@ class TrackFilter:
 
     def _look(self) -> None:
         """Take the figures of the last call."""
-        known = self._tracking
-        self.state = _STATES[known['state']]
-        self.reason = reason_text(known['reason'])
-        self.contradiction = reason_text(known['contradiction'])
-        self.gyro_trouble = reason_text(known['gyro_trouble'])
-        self.residual_px, self.stamp_sigma_s = (
-            float(known['residual_px']), float(known['stamp_sigma_s']))
-        self.stars_matched, self.frames_since_fix = (
-            int(known['stars_matched']), int(known['frames_since_fix']))
-        self.late_frames, self.rejected_centroids, self.checks_passed = (
-            int(known[name]) for name in _COUNTS)
-        self.gyro_condition = _CONDITIONS[known['gyro']]
-        attitude = known['attitude']
-        self.attitude: TrackedAttitude | None = None
-        if attitude['valid']:
-            self.attitude = TrackedAttitude(
-                attitude_of(attitude, known['budget']), attitude['rate_rad_s'].copy(),
+        (state, gyro, *_, self.stars_matched, self.frames_since_fix, self.late_frames,
+         self.rejected_centroids, self.checks_passed) = self._whole.tolist()
+        self.state, self.gyro_condition = _STATES[state], _CONDITIONS[gyro]
+        self.residual_px, self.stamp_sigma_s = self._figures.tolist()
+        self.reason, self.contradiction, self.gyro_trouble = (
+            reason_text(reason) for reason in self._reasons)
+        self._attitude = None
+
+    @property
+    def attitude(self) -> TrackedAttitude | None:
+        """Return the attitude of the newest frame, None unless its stars agree on one."""
+        attitude = self._tracking['attitude']
+        if self._attitude is None and attitude['valid']:
+            self._attitude = TrackedAttitude(
+                attitude_of(attitude, self._tracking['budget']), attitude['rate_rad_s'].copy(),
                 attitude['rate_covariance'].copy())
+        return self._attitude
 
     @property
     def cross_covariance(self) -> np.ndarray | None:
