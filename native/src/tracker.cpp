@@ -62,7 +62,17 @@ Bytes bytes_of(const st_config &config, const st_camera &camera, const SkyFile &
     return bytes;
 }
 
-/// Whether a tracker of these options, camera and sky is possible.
+/// Leave the first stars, those up to a magnitude: in float, as the catalogue was made of floats.
+void leave_out_faint(double magnitude_limit, SkyFile &sky) {
+    const auto limit = static_cast<float>(magnitude_limit);
+    const double *end = std::upper_bound(
+        sky.magnitude, sky.magnitude + sky.stars, limit,
+        [](float most, double magnitude) { return most < static_cast<float>(magnitude); });
+    sky.stars = std::max(static_cast<int32_t>(end - sky.magnitude), 1);
+}
+
+/// Whether a tracker of these options, camera and sky is possible; of the sky opened are the stars
+/// that it follows.
 st_status check(const st_config *config, const st_camera *camera, const st_sky *sky,
                 SkyFile &opened, st_fault *fault) {
     st_status status = st_check_config(config, fault);
@@ -91,7 +101,13 @@ st_status check(const st_config *config, const st_camera *camera, const st_sky *
     if (reinterpret_cast<uintptr_t>(sky->file) % ALIGNMENT != 0) {
         return ST_MISALIGNED;
     }
-    return open_sky(*sky, opened, fault) ? ST_OK : ST_BAD_SKY;
+    if (!open_sky(*sky, opened, fault)) {
+        return ST_BAD_SKY;
+    }
+    if ((config->stages & ST_TRACKS) != 0) {
+        leave_out_faint(config->tracking.magnitude_limit, opened);
+    }
+    return ST_OK;
 }
 
 /// Whether predictions are finite, stars first.

@@ -293,6 +293,14 @@ def test_crowded_stars_are_left_alone():
     assert len(tracks) > 8 and not crowded.crowded[place].any()
 
 
+def test_stars_fainter_than_the_limit_are_not_followed():
+    motion = Motion(ONBOARD)
+    tracker = tracking(motion, 12, magnitude_limit=5.0)
+    tracks = tracker.update(*motion.frame(12)[:2])
+    for hip in (tracks.hip, tracker.predicted.hip):
+        assert 4 < len(hip) and (ONBOARD.magnitude[ONBOARD.index_of(hip)] <= 5.0).all()
+
+
 def test_the_number_of_stars_is_limited():
     motion = Motion(ONBOARD, (0.0, 0.5, 0.0))
     tracker = tracking(motion, 3, max_stars=12)
