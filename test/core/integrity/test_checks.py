@@ -21,7 +21,7 @@ EVALUATE = [path for path in sorted((PACKAGE / 'core' / 'integrity').glob('*.py'
                 'stages/attitude', 'stages/tracking', 'track/track_filter')]
 NATIVE_EVALUATE = [*sorted((NATIVE / 'integrity').glob('*.cpp')), *(
     NATIVE / f'{name}.cpp' for name in (
-        'filter/correction', 'track/attitude_model', 'track/repetition', 'track/rotation_fit',
+        'track/correction', 'track/attitude_model', 'track/repetition', 'track/rotation_fit',
         'track/start', 'track/track_filter'))]
 # What is compared and is not the threshold of a check: more likely than not, nanoseconds, modes of
 # motion, rounding errors, the share that few stars have.
