@@ -298,7 +298,7 @@ def test_stars_fainter_than_the_limit_are_not_followed():
     tracker = tracking(motion, 12, magnitude_limit=5.0)
     tracks = tracker.update(*motion.frame(12)[:2])
     for hip in (tracks.hip, tracker.predicted.hip):
-        assert 4 < len(hip) and (ONBOARD.magnitude[ONBOARD.index_of(hip)] <= 5.0).all()
+        assert len(hip) > 4 and (ONBOARD.magnitude[ONBOARD.index_of(hip)] <= 5.0).all()
 
 
 def test_the_number_of_stars_is_limited():
