@@ -10,6 +10,7 @@ import sys
 import zlib
 
 from commands import invoke
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.core.astro.earth import earth_position_au
@@ -198,7 +199,7 @@ def test_processes_share_the_pages(written):
                 assert memory['Pss'] < 0.6 * memory['Rss']
     finally:
         for one in processes:
-            one.communicate()
+            one.communicate(timeout=HANGS_S)
 
 
 @pytest.mark.parametrize('arguments, status, text', [
