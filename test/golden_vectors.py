@@ -8,7 +8,7 @@ python test/golden_vectors.py writes test/conformance, whose README has their la
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import io
 import json
 from pathlib import Path
@@ -21,9 +21,11 @@ import zlib
 
 from directions import blurred, field, unit
 from native_bank import coordinated_turn
+from native_core import filled
 import numpy as np
 from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
+from startracker_ros.core import native
 from startracker_ros.core.astro.aberration import (
     Air, apparent_directions, natural_directions, vantage_near_earth)
 from startracker_ros.core.astro.earth import earth_position_au, earth_velocity_m_s
@@ -32,14 +34,16 @@ from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
+from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
+from startracker_ros.core.centroid.image_tracker import aligned
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.cache import STARS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
-from startracker_ros.core.integrity.systematic_errors import lens_covariance, velocity_covariance
+from startracker_ros.core.integrity.systematic_errors import velocity_covariance
 from startracker_ros.core.maths.compiled_rotation import (
     matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
 from startracker_ros.core.maths.gates import gate
@@ -49,8 +53,11 @@ from startracker_ros.core.maths.rotation import (
     rotation_vector_from_quaternion, sign_continuous)
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.native import check_sky, NativeError
+from startracker_ros.core.native_tracker import (
+    native_camera, native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
+from startracker_ros.core.registry import MODELS
 from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
@@ -409,8 +416,9 @@ def protection_outputs(values: Values) -> Values:
                                                options, values['rejected']),
             'velocity_covariance': velocity_covariance(
                 values['velocity_sigma_m_s'], sensor, sigma_rad),
-            'lens_covariance': lens_covariance(
-                values['lens_sigma_rad'], values['lens_scale'], sensor, sigma_rad)}
+            'lens_covariance': filled(
+                'stt_lens_covariance', (3, 3), values['lens_sigma_rad'], values['lens_scale'],
+                sensor, sigma_rad, len(sensor))}
 
 
 # --- association ---
@@ -542,6 +550,63 @@ def tracker_outputs(values: Values) -> Values:
             'covariance_sensor_50_ms_later': later.covariance_sensor}
 
 
+# --- tracking, with identifications from elsewhere ---
+
+def tracking_inputs() -> Iterator[tuple[str, Values]]:
+    camera, rng = SMALL_CAMERA, np.random.default_rng(15)
+    onboard = onboard_stars(camera, EPOCH_YEAR, 6.0)
+    near = onboard.within(rotate(Q, [0.0, 0.0, 1.0]), camera.corner_angle_rad + np.radians(1.0))
+    stars = replace(onboard, **{name: getattr(onboard, name)[near] for name in STARS})
+    sections = {name: {'type': array.dtype.str[1:], 'shape': array.shape, 'values': array}
+                for name, array in star_arrays(stars).items()}
+    frames = []
+    for frame in range(6):
+        turn = np.array([0.002, -0.001, 0.003]) * frame * 0.1
+        centroids, hip = star_list(
+            stars, camera, multiply(Q, quaternion_from_rotation_vector(turn)), 0.1, rng)
+        frames.append((native_centroids(centroids), hip))
+    for number, model in enumerate(MODELS):
+        yield model, {
+            'camera': asdict(camera), 'sections': sections, 'model': number,
+            'stamp_ns': [10 ** 9 + frame * 100_000_000 for frame in range(len(frames))],
+            'count': [len(hip) for _, hip in frames],
+            'centroid': np.round(np.concatenate([table for table, _ in frames]), 6),
+            'hip': np.concatenate([hip for _, hip in frames])}
+
+
+def tracking_outputs(values: Values) -> Values:
+    content = np.frombuffer(sky_file(values['sections']), np.uint8)
+    sky, config = aligned(len(content)), native.defaults()
+    sky[:] = content
+    config['stages'], config['tracking']['model'] = TRACKS | TRUSTS, values['model']
+    tracker = NativeTracker(config, native_camera(camera_of(values)), sky)
+    tracking, trusted, later = (np.zeros((), kind) for kind in (
+        native.TRACKING, native.TRUSTED, native.ATTITUDE))
+    first, states, reasons, matched = 0, [], [], []
+    for stamp_ns, count in zip(values['stamp_ns'], values['count']):
+        table = np.array(values['centroid'][first:first + count])
+        hip = native_identified(np.array(values['hip'][first:first + count]), count)
+        tracker.call('st_track', stamp_ns, table.ctypes.data, count, None, tracking.ctypes.data)
+        tracks = tracker.listed('st_tracks', native.STAR_TRACK)
+        tracker.call('st_trust', stamp_ns, tracks.ctypes.data, len(tracks), tracking[
+            'attitude'].ctypes.data, trusted.ctypes.data)
+        if tracking['state'] != 2:
+            tracker.call('st_add_identification', stamp_ns, table.ctypes.data, hip.ctypes.data,
+                         count, tracking.ctypes.data)
+        states.append(int(tracking['state']))
+        reasons.append(int(tracking['reason']['code']))
+        matched.append(int(tracking['stars_matched']))
+        first += count
+    attitude = trusted['attitude']
+    native.check(native.library().st_attitude_at(
+        attitude.ctypes.data, stamp_ns + 50_000_000, later.ctypes.data))
+    return {'state': states, 'reason': reasons, 'stars_matched': matched,
+            'quaternion': attitude['quaternion'], 'covariance': attitude['covariance_rad2'],
+            'rate': attitude['rate_rad_s'], 'rate_covariance': attitude['rate_covariance'],
+            'protection': attitude['protection_rad'], 'quaternion_later': later['quaternion'],
+            'covariance_later': later['covariance_rad2']}
+
+
 STAGES = {
     'camera': Stage(
         'pixels to directions and back, by the distortion models of sensor_msgs/CameraInfo',
@@ -615,7 +680,13 @@ STAGES = {
         tracker_inputs, tracker_outputs,
         {'states': EXACT, 'hip': EXACT, 'quaternion': (0, 1e-9), 'covariance_sensor': (1e-5, 0),
          'rate_rad_s': (0, 1e-8), 'rate_covariance': (1e-5, 0), 'protection_rad': (1e-5, 0),
-         'quaternion_50_ms_later': (0, 1e-9), 'covariance_sensor_50_ms_later': (1e-5, 0)})}
+         'quaternion_50_ms_later': (0, 1e-9), 'covariance_sensor_50_ms_later': (1e-5, 0)}),
+    'tracking': Stage(
+        'six frames of centroids, identified until they are tracked, to a trusted attitude',
+        tracking_inputs, tracking_outputs,
+        {'state': EXACT, 'reason': EXACT, 'stars_matched': EXACT, 'quaternion': (0, 1e-10),
+         'covariance': (1e-7, 0), 'rate': (0, 1e-9), 'rate_covariance': (1e-7, 0),
+         'protection': (1e-7, 0), 'quaternion_later': (0, 1e-10), 'covariance_later': (1e-7, 0)})}
 
 
 def plain(value: Any) -> Any:

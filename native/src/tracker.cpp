@@ -72,6 +72,15 @@ Bytes bytes_of(const st_config &config, const st_camera &camera, const Setup &se
     return bytes;
 }
 
+/// Leave the first stars, those up to a magnitude: in float, as the catalogue was made of floats.
+void leave_out_faint(double magnitude_limit, SkyFile &sky) {
+    const auto limit = static_cast<float>(magnitude_limit);
+    const double *end = std::upper_bound(
+        sky.magnitude, sky.magnitude + sky.stars, limit,
+        [](float most, double magnitude) { return most < static_cast<float>(magnitude); });
+    sky.stars = std::max(static_cast<int32_t>(end - sky.magnitude), 1);
+}
+
 /// Set what a tracker takes from a sky file; fault (may be null) names what is wrong.
 st_status set_up(const st_config &config, const st_camera &camera, const st_sky *sky, Setup &setup,
                  st_fault *fault) {
@@ -99,6 +108,9 @@ st_status set_up(const st_config &config, const st_camera &camera, const st_sky 
             return ST_BAD_SKY;
         }
         setup.identification = setup_of(config, file, most_centroids(config));
+    }
+    if (has(config, ST_TRACKS)) {
+        leave_out_faint(config.tracking.magnitude_limit, file);
     }
     return ST_OK;
 }

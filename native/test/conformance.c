@@ -270,6 +270,75 @@ static void sky_stage(conformance_case *one) {
     free(made);
 }
 
+/* Frames of centroids, identified until they are tracked, and the attitude that is trusted. */
+static void tracking_stage(conformance_case *one) {
+    static const st_abi ABI = ST_ABI;
+    enum { MOST_FRAMES = 16 };
+    uint64_t file_bytes = 0;
+    uint8_t *made = sky_file(json_member(one->input, "sections"), &file_bytes);
+    uint8_t *file = sky_copy(made, file_bytes);
+    const st_sky sky = {file, file_bytes};
+    const st_camera camera = camera_of(one);
+    const size_t frames = input_count(one, "stamp_ns"), stars = input_count(one, "hip");
+    const double *stamp_ns = input(one, "stamp_ns", frames), *count = input(one, "count", frames);
+    const double *numbers = input(one, "centroid", 12 * stars), *hip = input(one, "hip", stars);
+    double state[MOST_FRAMES], reason[MOST_FRAMES], matched[MOST_FRAMES];
+    size_t bytes = 0, tracks = 0, first = 0;
+    st_tracker *tracker = NULL;
+    st_tracking tracking;
+    st_trusted trusted;
+    st_attitude later;
+    st_config config;
+    st_defaults(&config, &ABI);
+    config.stages = ST_TRACKS | ST_TRUSTS;
+    config.tracking.model = (int32_t)*input(one, "model", 1);
+    expect_ok(one, "st_check_sky", st_check_sky(&sky, NULL));
+    expect_ok(one, "st_size", st_size(&config, &camera, &sky, &bytes));
+    void *memory = aligned_alloc(64, bytes);
+    expect_ok(one, "st_create", st_create(memory, bytes, &config, &camera, &sky, &tracker, NULL));
+    memset(&trusted, 0, sizeof trusted);
+    for (size_t frame = 0; frame < frames && frame < MOST_FRAMES; ++frame) {
+        const size_t of_frame = (size_t)count[frame];
+        const int64_t stamp = (int64_t)stamp_ns[frame];
+        st_centroid *centroids = calloc(of_frame, sizeof *centroids);
+        st_identified *identified = calloc(of_frame, sizeof *identified);
+        memcpy(centroids, numbers + 12 * first, of_frame * sizeof *centroids);
+        for (size_t i = 0; i < of_frame; ++i) {
+            identified[i].hip = (int32_t)hip[first + i];
+        }
+        expect_ok(one, "st_track", st_track(tracker, stamp, centroids, of_frame, NULL, &tracking));
+        const st_star_track *list = st_tracks(tracker, &tracks);
+        expect_ok(one, "st_trust",
+                  st_trust(tracker, stamp, list, tracks, &tracking.attitude, &trusted));
+        if (tracking.state != ST_TRACKING) {
+            expect_ok(
+                one, "st_add_identification",
+                st_add_identification(tracker, stamp, centroids, identified, of_frame, &tracking));
+        }
+        state[frame] = tracking.state;
+        reason[frame] = tracking.reason.code;
+        matched[frame] = tracking.stars_matched;
+        first += of_frame;
+        free(centroids);
+        free(identified);
+    }
+    expect_ok(one, "st_attitude_at",
+              st_attitude_at(&trusted.attitude, trusted.attitude.stamp_ns + 50000000, &later));
+    compare(one, "state", state, frames);
+    compare(one, "reason", reason, frames);
+    compare(one, "stars_matched", matched, frames);
+    compare(one, "quaternion", trusted.attitude.quaternion, 4);
+    compare(one, "covariance", &trusted.attitude.covariance_rad2[0][0], 9);
+    compare(one, "rate", trusted.attitude.rate_rad_s, 3);
+    compare(one, "rate_covariance", &trusted.attitude.rate_covariance[0][0], 9);
+    compare(one, "protection", trusted.attitude.protection_rad, 3);
+    compare(one, "quaternion_later", later.quaternion, 4);
+    compare(one, "covariance_later", &later.covariance_rad2[0][0], 9);
+    free(memory);
+    free(file);
+    free(made);
+}
+
 /* ---- the corpus ---- */
 
 typedef struct {
@@ -283,6 +352,7 @@ static const conformance_stage STAGES[] = {
     {"rotation", rotation_stage},
     {"linear_algebra", linear_algebra_stage},
     {"sky", sky_stage},
+    {"tracking", tracking_stage},
 };
 
 static int run_stage(const char *folder, const conformance_stage *stage) {

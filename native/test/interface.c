@@ -244,11 +244,178 @@ static void trackers(void) {
     free(block);
 }
 
+/* Write a sky file of one star, without patterns and pairs. */
+static void put_section(unsigned char *file, int number, const char *name, const char *type,
+                        size_t place, uint64_t rows, uint64_t columns, uint32_t dimensions) {
+    unsigned char *row = file + 64 + 64 * number;
+    const uint64_t shape[3] = {place, rows, columns};
+    strcpy((char *)row, name);
+    strcpy((char *)row + 24, type);
+    memcpy(row + 32, shape, sizeof shape);
+    memcpy(row + 56, &dimensions, sizeof dimensions);
+}
+
+static unsigned char *one_star(uint64_t *bytes) {
+    static const struct {
+        const char *name, *type;
+        uint64_t rows, columns;
+        uint32_t dimensions;
+        double number;
+    } SECTION[] = {{"sky", "i4", 0, 0, 0, 1},
+                   {"epoch_year", "f8", 0, 0, 0, 2026},
+                   {"pixel_rad", "f8", 0, 0, 0, 1e-4},
+                   {"crowd_rad", "f8", 0, 0, 0, 1e-3},
+                   {"pattern_limit", "f8", 0, 0, 0, 6},
+                   {"least_rad", "f8", 0, 0, 0, 0},
+                   {"most_rad", "f8", 0, 0, 0, 0},
+                   {"hip", "i4", 1, 0, 1, 7},
+                   {"direction", "f8", 1, 3, 2, 1},
+                   {"magnitude", "f8", 1, 0, 1, 2},
+                   {"crowded", "b1", 1, 0, 1, 0},
+                   {"blended", "b1", 1, 0, 1, 0},
+                   {"variation_mag", "f4", 1, 0, 1, 0},
+                   {"motion", "f4", 1, 3, 2, 0},
+                   {"parallax_rad", "f4", 1, 0, 1, 0},
+                   {"cells", "i4", 0, 0, 0, 1},
+                   {"start", "i4", 2, 0, 1, -1},
+                   {"member", "i4", 1, 0, 1, 0},
+                   {"pattern_cells", "i4", 0, 0, 0, 1},
+                   {"pattern_start", "i4", 2, 0, 1, -1},
+                   {"pattern_member", "i4", 1, 0, 1, 0},
+                   {"pair_star", "i4", 0, 0, 1, 0},
+                   {"pair_direction", "f8", 0, 3, 2, 0},
+                   {"pair_separation", "f8", 0, 0, 1, 0},
+                   {"pair_below", "i4", 1, 0, 1, 0},
+                   {"pair_member", "i4", 0, 0, 1, 0},
+                   {"pair_previous", "i4", 0, 0, 1, 0},
+                   {"bright_star", "i4", 0, 0, 1, 0},
+                   {"bright_direction", "f8", 0, 3, 2, 0},
+                   {"bright_separation", "f8", 0, 0, 1, 0},
+                   {"bright_below", "i4", 1, 0, 1, 0},
+                   {"bright_member", "i4", 0, 0, 1, 0},
+                   {"bright_previous", "i4", 0, 0, 1, 0}};
+    const uint32_t sections = sizeof SECTION / sizeof SECTION[0], order = 0x01020304, layout = 1;
+    *bytes = 64 + 64 * sections * 2;
+    unsigned char *file = aligned_alloc(64, *bytes);
+    memset(file, 0, *bytes);
+    memcpy(file, "STARRAYS", 8);
+    memcpy(file + 8, &order, 4);
+    memcpy(file + 16, bytes, 8);
+    memcpy(file + 24, &layout, 4);
+    memcpy(file + 28, &sections, 4);
+    for (uint32_t n = 0; n < sections; ++n) {
+        const size_t place = 64 + 64 * (sections + n);
+        put_section(file, (int)n, SECTION[n].name, SECTION[n].type, place, SECTION[n].rows,
+                    SECTION[n].columns, SECTION[n].dimensions);
+        const int32_t whole = (int32_t)SECTION[n].number, ends[2] = {0, 1};
+        if (SECTION[n].number == -1) {
+            memcpy(file + place, ends, sizeof ends);
+        } else if (strcmp(SECTION[n].type, "f8") == 0) {
+            memcpy(file + place, &SECTION[n].number, 8);
+        } else if (strcmp(SECTION[n].type, "i4") == 0) {
+            memcpy(file + place, &whole, 4);
+        }
+    }
+    return file;
+}
+
+/* A tracker that tracks and trusts. */
+static void tracking(void) {
+    const st_camera camera = {512, 512, 900, 900, 255.5, 255.5, {0}, ST_PLUMB_BOB, 0};
+    const double rate[3] = {0, 0, 0}, odd[3] = {0, NAN, 0}, exposure_s[2] = {0.2, 0.1};
+    st_centroid star;
+    st_identified identified = {NAN, NAN, 7, 0};
+    st_observer observer;
+    st_hint hint;
+    st_tracking known;
+    st_trusted trusted;
+    st_attitude at;
+    st_config config;
+    st_fault fault;
+    st_sky sky;
+    st_tracker *tracker = NULL;
+    size_t bytes = 0, count = 7;
+    memset(&star, 0, sizeof star);
+    memset(&observer, 0, sizeof observer);
+    memset(&hint, 0, sizeof hint);
+    star.sigma_px = 0.1;
+    star.cov_uu_px2 = star.cov_vv_px2 = 0.01;
+    sky.file = one_star(&sky.bytes);
+    st_defaults(&config, &ABI);
+    config.stages = ST_TRACKS | ST_TRUSTS;
+    config.capacities.centroids = 3;
+    CHECK(st_size(&config, &camera, NULL, &bytes) == ST_NULL_POINTER);
+    CHECK(st_size(&config, &camera, &sky, &bytes) == ST_OK && bytes % 64 == 0);
+    void *block = aligned_alloc(64, bytes);
+    --sky.bytes;
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, &fault) == ST_BAD_SKY);
+    CHECK(strcmp(fault.name, "bytes of the file") == 0);
+    ++sky.bytes;
+    CHECK(st_create(block, bytes - 64, &config, &camera, &sky, &tracker, &fault) ==
+          ST_TOO_LITTLE_MEMORY);
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, &fault) == ST_OK);
+    CHECK(st_tracks(tracker, &count) != NULL && count == 0);
+    CHECK(st_predictions(tracker, &count) == NULL);
+    CHECK(st_track(NULL, 1, &star, 1, NULL, &known) == ST_NULL_POINTER);
+    CHECK(st_track(tracker, 1, NULL, 1, NULL, &known) == ST_NULL_POINTER);
+    CHECK(st_track(tracker, 1, &star, 1, NULL, NULL) == ST_NULL_POINTER);
+    CHECK(st_track(tracker, -1, &star, 1, NULL, &known) == ST_BAD_INPUT);
+    CHECK(st_track(tracker, 1, &star, 1, exposure_s, &known) == ST_BAD_INPUT);
+    CHECK(st_track(tracker, 1, &star, 4, NULL, &known) == ST_TOO_MANY);
+    CHECK(st_track(tracker, 5, &star, 1, NULL, &known) == ST_OK);
+    CHECK(known.state == ST_LOST && known.reason.code == ST_REASON_WAITING);
+    CHECK(!known.attitude.valid && isnan(known.attitude.quaternion[0]));
+    CHECK(st_track(tracker, 5, &star, 1, NULL, &known) == ST_NOT_NEWER && known.late_frames == 1);
+    star.u_px = NAN;
+    CHECK(st_track(tracker, 6, &star, 1, NULL, &known) == ST_OK && known.rejected_centroids == 1);
+    star.u_px = 0;
+    CHECK(st_add_identification(tracker, 6, &star, NULL, 1, &known) == ST_NULL_POINTER);
+    CHECK(st_add_identification(tracker, 6, &star, &identified, 1, &known) == ST_OK);
+    CHECK(st_identification_is_due(tracker, 7, ST_LOST, 0) == 1);
+    CHECK(st_identification_is_due(tracker, 7, ST_TRACKING, 0) == 0);
+    CHECK(st_identification_is_due(tracker, 20000000000, ST_TRACKING, 0) == 1);
+    CHECK(st_identification_is_due(tracker, 20000000000, ST_TRACKING, 1) == 0);
+    CHECK(st_prepare(NULL) == ST_NULL_POINTER && st_prepare(tracker) == ST_OK);
+    CHECK(st_add_rate(tracker, 5, odd) == ST_BAD_INPUT);
+    CHECK(st_add_rate(tracker, 5, rate) == ST_OK && st_add_rate(tracker, 4, rate) == ST_NOT_NEWER);
+    CHECK(st_add_observer(tracker, 5, NULL) == ST_NULL_POINTER);
+    CHECK(st_add_observer(tracker, 5, &observer) == ST_OK);
+    observer.body_count = ST_MOST_BODIES + 1;
+    CHECK(st_add_observer(tracker, 5, &observer) == ST_BAD_INPUT);
+    CHECK(st_add_hint(tracker, &hint) == ST_BAD_INPUT);
+    hint.quaternion[3] = 1;
+    CHECK(st_add_hint(tracker, &hint) == ST_OK);
+    CHECK(st_trust(tracker, 6, NULL, 0, &known.attitude, &trusted) == ST_OK);
+    CHECK(trusted.reason.code == ST_REASON_NOT_TRACKED && !trusted.attitude.valid);
+    CHECK(st_trust(tracker, 6, NULL, 0, NULL, &trusted) == ST_OK);
+    CHECK(trusted.reason.code == ST_REASON_TOO_FEW_STARS);
+    CHECK(st_trust_stars(tracker, 6, &star, &identified, 1, &trusted) == ST_OK);
+    CHECK(trusted.reason.code == ST_REASON_TOO_FEW_STARS && trusted.reason.figure[0] == 1);
+    CHECK(st_residuals(tracker, &count) != NULL && count == 0);
+    CHECK(st_attitude_at(&trusted.attitude, 5, &at) == ST_BAD_INPUT);
+    config.tracking.max_stars = 50;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_OK);
+    config.tracking.model = ST_SNA;
+    CHECK(st_change_options(tracker, &config, &fault) == ST_READ_ONLY);
+    CHECK(strcmp(fault.name, "tracking.model") == 0);
+    CHECK(st_reset(tracker) == ST_OK);
+    config.stages = ST_TRUSTS;
+    CHECK(st_size(&config, &camera, &sky, &count) == ST_OK && count < bytes);
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, &fault) == ST_OK);
+    CHECK(st_track(tracker, 1, &star, 1, NULL, &known) == ST_NO_STAGE);
+    CHECK(st_add_rate(tracker, 1, rate) == ST_NO_STAGE);
+    CHECK(st_tracks(tracker, &count) == NULL && st_predictions(tracker, &count) == NULL);
+    config.stages = ST_ALL_STAGES;
+    CHECK(st_size(&config, &camera, &sky, &count) == ST_NO_STAGE);
+    free(block);
+    free((void *)(uintptr_t)sky.file);
+}
+
 static void texts(void) {
     for (int status = 0; status <= ST_STATUS_COUNT; ++status) {
         CHECK(strlen(st_status_text((st_status)status)) > 1);
     }
-    CHECK(strstr(st_build_text(), "interface 1") != NULL);
+    CHECK(strstr(st_build_text(), "interface 2") != NULL);
 }
 
 int main(void) {
@@ -257,6 +424,7 @@ int main(void) {
     cameras();
     lists();
     trackers();
+    tracking();
     texts();
     printf("interface: %d failures\n", failures);
     return failures != 0;

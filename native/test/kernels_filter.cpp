@@ -6,10 +6,10 @@
 #include <cstring>
 
 #include "camera/lens.h"
-#include "filter/correction.h"
 #include "filter/gyro.h"
 #include "filter/motion.h"
-#include "filter/rolling_shutter.h"
+#include "track/correction.h"
+#include "track/rolling_shutter.h"
 
 using namespace st;
 

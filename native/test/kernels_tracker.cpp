@@ -3,7 +3,7 @@
 
 #include "kernels_tracker.h"
 
-#include "attitude/results.h"
+#include "sky/epoch.h"
 #include "tracker.h"
 
 using namespace st;
@@ -41,6 +41,13 @@ void stt_set_motion(st_tracker *tracker, const double quaternion[4], const doubl
 void stt_set_variance(st_tracker *tracker, int32_t element, double variance) {
     for (ModeState<0> &mode : motion_of(tracker).mode) {
         mode.covariance[element][element] = variance;
+    }
+}
+
+void stt_earth_position_au(double year, double position[3]) {
+    const Vector3 found = earth_position_au(year);
+    for (int axis = 0; axis < 3; ++axis) {
+        position[axis] = found[axis];
     }
 }
 

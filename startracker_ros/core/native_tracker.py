@@ -15,21 +15,20 @@ from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.sky_file import star_arrays
+from startracker_ros.core.centroid.image_tracker import aligned
 from startracker_ros.core.options import Options
 from startracker_ros.core.stored_arrays import write_arrays
 
-EXTRACTS, IDENTIFIES, TRACKS, TRUSTS = 1, 2, 4, 8
-"""Stages, ST_EXTRACTS and so on."""
+TRACKS, TRUSTS = 4, 8
+"""Stages, ST_TRACKS and so on."""
 
 MOST_CENTROIDS = 5000
 """Capacity of lists of centroids, the brightest; what is not used takes no memory."""
 
-_ALIGNMENT = 64
 _SKY = 'native_sky'
 _LENSES = list(MODELS)
-_COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of an st_centroid
 _NUMBERS = native.CENTROID.itemsize // 8
 _ABERRATION = ('none', 'earth_only', 'full')
 _UNKNOWN = np.full(3, np.nan)
@@ -71,7 +70,7 @@ class NativeTracker:
         native.check(self.status_of('st_change_options', config.ctypes.data, fault.ctypes.data),
                      fault)
 
-    def list(self, name: str, kind: np.dtype, none: bool = False) -> Any:
+    def listed(self, name: str, kind: np.dtype, none: bool = False) -> Any:
         """Return a copy of a list of the last call; where none, None instead of a null pointer."""
         first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
         if none and first is None:
@@ -101,13 +100,6 @@ class ObserverInput:
         self._given = None
 
 
-def aligned(size: int) -> np.ndarray:
-    """Return memory (size,) uint8 as the library needs it."""
-    block = np.empty(size + _ALIGNMENT, np.uint8)
-    first = -block.ctypes.data % _ALIGNMENT
-    return block[first:first + size]
-
-
 def address_of(array: np.ndarray | None) -> int | None:
     """Return where an array is; None for none."""
     return None if array is None else array.ctypes.data
@@ -122,7 +114,6 @@ def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) 
         if hasattr(options, name):
             value = getattr(options, name)
             part[name] = choices[name].index(value) if name in choices else value
-
 
 
 def native_camera(camera: Camera) -> np.ndarray:
@@ -175,16 +166,6 @@ def native_identified(hip: np.ndarray, count: int) -> np.ndarray:
     table = np.zeros(count, native.IDENTIFIED)
     table['hip'] = np.asarray(hip)[:count]
     return table
-
-
-def centroids_of(table: np.ndarray, exposure_s: tuple[float, float]) -> Centroids:
-    """Return a list of CENTROID (N,)."""
-    count = len(table)
-    columns = table.view(float).reshape(count, _NUMBERS)
-    return Centroids(
-        columns[:, :2], columns[:, 2], columns[:, 3], columns[:, 4],
-        columns[:, _COVARIANCE].reshape(count, 2, 2), columns[:, 11].copy(),
-        columns[:, _COMMON].reshape(count, 2, 2), exposure_s)
 
 
 def native_observer(observer: Observer) -> np.ndarray:

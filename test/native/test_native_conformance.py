@@ -142,7 +142,7 @@ def run(name, *arguments, sanitized=False):
 @pytest.mark.parametrize('sanitized', [False, True], ids=['plain', 'sanitized'])
 @pytest.mark.parametrize('name, arguments', [
     ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1]),
-    ('fuzz_images', [300, 1]), ('fuzz_sky', [FOLDER, 3000, 1])])
+    ('fuzz_images', [300, 1]), ('fuzz_sky', [FOLDER, 3000, 1]), ('fuzz_tracks', [FOLDER, 300, 1])])
 def test_the_runner_finds_nothing(name, arguments, sanitized):
     """Under sanitizers any error of memory, or undefined behaviour, ends the program."""
     done = run(name, *arguments, sanitized=sanitized)
@@ -154,7 +154,7 @@ def test_the_runner_finds_nothing(name, arguments, sanitized):
 @pytest.mark.parametrize('seed', [2, 3])
 def test_a_million_impossible_inputs(seed):
     for name, *arguments in (('fuzz', 1_000_000), ('fuzz_images', 2000),
-                             ('fuzz_sky', FOLDER, 100_000)):
+                             ('fuzz_sky', FOLDER, 100_000), ('fuzz_tracks', FOLDER, 10_000)):
         done = run(name, *arguments, seed * 10 ** 9, sanitized=True)
         assert done.returncode == 0, done.stdout + done.stderr
 

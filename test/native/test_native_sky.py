@@ -4,11 +4,11 @@
 """The native core reads a sky file as the package does, and no damaged one."""
 
 from directions import unit
-from native_core import call
+from native_core import call, filled
 import numpy as np
 import pytest
 from startracker_ros.core import native
-from startracker_ros.core.astro.earth import earth_position_au
+from startracker_ros.core.astro.earth import earth_position_au, earth_state
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -108,3 +108,9 @@ def test_the_pattern_stars_are_the_first_ones():
     for name in ('hip', 'direction', 'magnitude', 'crowded', 'blended'):
         np.testing.assert_array_equal(getattr(stars, name)[:len(patterns)],
                                       getattr(patterns, name))
+
+
+@pytest.mark.parametrize('year', [1901.3, 1987.6, 2000.0, 2026.25, 2026.9, 2099.1])
+def test_the_earth_is_where_parallaxes_need_it(year):
+    np.testing.assert_allclose(filled('stt_earth_position_au', (3,), year),
+                               earth_state(year)[0], rtol=0, atol=1e-3)

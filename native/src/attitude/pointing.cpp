@@ -38,7 +38,7 @@ bool common_error(const st_centroid *centroids, int count, Covariance2 &common) 
         }
     }
     if (any) {
-        common = {largest->common_uu_px2, largest->common_uv_px2, largest->common_vv_px2};
+        common = common_of(*largest);
     }
     return any;
 }

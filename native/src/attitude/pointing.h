@@ -19,6 +19,15 @@ namespace st {
 Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
                             const Vector3 *rate_rad_s);
 
+/// Return the covariance px^2 of the error of a centroid that all of its image share.
+inline Covariance2 common_of(const st_centroid &centroid) {
+    return {centroid.common_uu_px2, centroid.common_uv_px2, centroid.common_vv_px2};
+}
+
+inline bool is_finite(const Covariance2 &R) {
+    return std::isfinite(R.uu) && std::isfinite(R.uv) && std::isfinite(R.vv);
+}
+
 /// Fill in the covariance px^2 of the error that all centroids (count) share; false without one.
 bool common_error(const st_centroid *centroids, int count, Covariance2 &common);
 

@@ -94,8 +94,8 @@ st_trusted TrustStage::from_tracks(int64_t stamp_ns, const st_star_track *tracks
     found = tracked == nullptr
                 ? validator.solve(known, stars, observer_error(), residuals_.item, arena)
                 : validator.check(quaternion_of(tracked->quaternion),
-                                  matrix_of(tracked->covariance_rad2), tracked->chi2, followed, stars,
-                                  residuals_.item, arena);
+                                  matrix_of(tracked->covariance_rad2), tracked->chi2, followed,
+                                  stars, residuals_.item, arena);
     return filled(stamp_ns, found, tracked);
 }
 
@@ -115,8 +115,12 @@ st_trusted TrustStage::from_stars(int64_t stamp_ns, const st_centroid *centroids
     TrustedAttitude found =
         validator.solve(known, stars, observer_error(), residuals_.item, arena);
     Covariance2 common;
-    if (common_error(centroids, count, common)) {
-        found.covariance = found.covariance + pointing_covariance(lens_, common, nullptr);
+    if (found.reason.code == ST_REASON_TRUSTED && common_error(centroids, count, common)) {
+        if (is_finite(common)) {
+            found.covariance = found.covariance + pointing_covariance(lens_, common, nullptr);
+        } else {
+            found.reason = reason_of(ST_REASON_STARS_NOT_FINITE, {});
+        }
     }
     return filled(stamp_ns, found, nullptr);
 }

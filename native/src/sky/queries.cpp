@@ -42,7 +42,7 @@ int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad
     int32_t found = 0, kept = 0;
     visit_near(sky.cells, axis, 2 * std::sin(radius / 2), [&](int32_t star) {
         const double *d = sky.direction[star];
-        if (!(d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= least)) {
+        if (star >= sky.stars || !(d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= least)) {
             return;
         }
         ++found;

@@ -36,7 +36,8 @@ struct Pairs {
 /// Set the line of the k-vector, from the first separation to the last.
 void set_steps(Pairs &pairs);
 
-/// Stars brightest first; the first pattern_stars of them are those of patterns.
+/// Stars brightest first; the first pattern_stars of them are those of patterns. A tracker that follows
+/// none of the faint ones has a smaller number of stars, and all of the cells.
 struct SkyFile {
     double epoch_year, crowd_rad, pixel_rad;
     double pattern_limit;        // magnitude

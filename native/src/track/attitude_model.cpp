@@ -9,10 +9,10 @@
 #include "attitude/error_budget.h"
 #include "attitude/pointing.h"
 #include "attitude/results.h"
-#include "filter/rolling_shutter.h"
 #include "integrity/checks.h"
 #include "maths/symmetric.h"
 #include "track/followed_stars.h"
+#include "track/rolling_shutter.h"
 
 namespace st {
 namespace {

@@ -7,12 +7,12 @@
 
 #pragma once
 
-#include "filter/correction.h"
 #include "filter/motion.h"
 #include "integrity/gyro_agreement.h"
 #include "integrity/lens_error.h"
 #include "integrity/stamp_jitter.h"
 #include "track/bank.h"
+#include "track/correction.h"
 #include "track/frame.h"
 #include "track/start.h"
 #include "track/systematic.h"

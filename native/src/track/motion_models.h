@@ -9,9 +9,9 @@
 #pragma once
 
 #include "camera/lens.h"
-#include "filter/innovation.h"
 #include "maths/covariance2.h"
 #include "maths/matrix.h"
+#include "track/innovation.h"
 
 namespace st {
 

@@ -7,8 +7,8 @@
 #include <cmath>
 
 #include "attitude/pointing.h"
-#include "filter/rolling_shutter.h"
 #include "track/neighbourhood.h"
+#include "track/rolling_shutter.h"
 
 namespace st {
 namespace {

@@ -4,8 +4,8 @@
 #include "track/systematic.h"
 
 #include "attitude/pointing.h"
-#include "integrity/systematic_errors.h"
 #include "attitude/results.h"
+#include "integrity/systematic_errors.h"
 
 namespace st {
 

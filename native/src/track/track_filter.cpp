@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "attitude/error_budget.h"
+#include "attitude/pointing.h"
 #include "attitude/results.h"
 #include "integrity/checks.h"
 #include "integrity/expected_stars.h"
@@ -26,9 +27,12 @@ double seconds(int64_t ns) {
     return static_cast<double>(ns) * 1e-9;
 }
 
-bool is_usable(const st_centroid &one) {
-    return std::isfinite(one.u_px) && std::isfinite(one.v_px) && std::isfinite(one.sigma_px) &&
-           one.sigma_px > 0;
+/// Whether position and errors of a centroid are finite, and its own errors positive.
+bool is_usable(const st_centroid &one, double floor_px) {
+    const Covariance2 error = error_of(one, floor_px * floor_px);
+    return std::isfinite(one.u_px + one.v_px + one.delay_s) && std::isfinite(one.sigma_px) &&
+           one.sigma_px > 0 && is_finite({one.cov_uu_px2, one.cov_uv_px2, one.cov_vv_px2}) &&
+           determinant(error) > 0 && is_finite(common_of(one));
 }
 
 TrackedAttitude attitude_of(const IdentifiedFrame &frame) {
@@ -201,7 +205,7 @@ CentroidFrame TrackFilter::usable(const st_centroid *centroids, int count,
     auto *good = arena.take<st_centroid>(static_cast<size_t>(count));
     int left = 0;
     for (int m = 0; m < count; ++m) {
-        if (is_usable(centroids[m])) {
+        if (is_usable(centroids[m], options_.sigma_floor_px)) {
             if (identified != nullptr) {
                 hip[left] = identified[m].hip;
             }

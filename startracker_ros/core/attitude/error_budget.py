@@ -15,12 +15,12 @@ class ErrorBudget(NamedTuple):
     """
     The covariances (3, 3) rad^2 about sensor axes that add up to that of an attitude.
 
-    stars        noise of centroids and catalogue, through the filter: motion_filter.py
-    motion       motions that may begin in the frame, and their light: motion_filter.py
+    stars        noise of centroids and catalogue, through the filter: filter/motion.h
+    motion       motions that may begin in the frame, and their flux: filter/motion.h
     exposure     shaking within the exposure, alike for all stars: centroids
-    stamps       errors of the stamps, times the rate: stamp_jitter.py
-    shutter      errors of line_time_us, times the rate: attitude_model.py
-    lens         errors of the lens that stay from frame to frame: lens_error.py
+    stamps       errors of the stamps, times the rate: integrity/stamp_jitter.h
+    shutter      errors of line_time_us, times the rate: track/attitude_model.h
+    lens         errors of the lens that stay from frame to frame: integrity/lens_error.h
     observer     its unknown velocity, by aberration: observer_motion.py
     epoch        unknown date, by proper motion: systematic_errors.py
     """

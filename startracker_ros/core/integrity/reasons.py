@@ -12,10 +12,10 @@ from startracker_ros.core.integrity.checks import CHECKS
 _TEXTS: Mapping[int, str] = {
     0: '',
     300: 'waiting for an identified frame',
-    304: 'first identification, {:.0f} stars',
-    306: '{:.0f} stars identified twice',
-    307: '{:.0f} stars identified where a hint has them',
-    308: '{:.0f} stars where the tracks before had them',
+    304: 'first identification, {stars:.0f} stars',
+    306: '{stars:.0f} stars identified twice',
+    307: '{stars:.0f} stars identified where a hint has them',
+    308: '{stars:.0f} stars where the tracks before had them',
     502: 'the stars are not where the roll of imu has them: is it in rad/s and on the axes of the '
          'sensor?',
     503: 'no rates of imu: roll_by_gyro has no effect',
@@ -31,5 +31,5 @@ def reason_text(reason: np.ndarray) -> str:
     """Return the sentence of an st_reason, empty where there is none."""
     code, _, figures = reason.item()
     if code in _TEXTS:
-        return _TEXTS[code].format(*figures)
+        return _TEXTS[code].format(stars=figures[0])
     return failure(code, figures) if code in FAILURES else _CHECKS[code](figures)

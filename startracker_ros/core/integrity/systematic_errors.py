@@ -17,7 +17,6 @@ from startracker_ros.core.attitude.error_budget import NO_ERROR
 from startracker_ros.core.attitude.estimate import cramer_rao
 from startracker_ros.core.attitude.refinement import information
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.camera.lens import Lens, ray, undistort
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.maths.small_algebra import inverse
@@ -76,51 +75,3 @@ def velocity_covariance(velocity_sigma_m_s: float, sensor: np.ndarray, sigma: np
     for k in range(3):
         across[k, k] += s @ s
     return (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2 * (F_inverse @ across @ F_inverse)
-
-
-@compiled
-def lens_covariance(lens_sigma: float, scale: float, sensor: np.ndarray, sigma: np.ndarray
-                    ) -> np.ndarray:
-    """
-    Return the covariance (3, 3) by errors of the lens, of 1 sigma per axis and star.
-
-    sensor and sigma are those of velocity_covariance(), in rad as is lens_sigma. The errors are
-    independent between stars and the same in each frame: sigma_l^2 F^-1 G F^-1, with G
-    = sum w^2 (I - p p^T). A scale, the relative error of the distances from the axis z, moves
-    stars by scale (p - z), which turns the best fit by scale F^-1 sum w p_z (-p_y, p_x, 0).
-    """
-    weight = 1 / sigma ** 2
-    F_inverse = inverse(information(sensor, weight))
-    G = information(sensor, weight ** 2)
-    moved = np.zeros(3)
-    for i in range(len(weight)):
-        x, y, z = sensor[i]
-        moved[0] -= weight[i] * z * y
-        moved[1] += weight[i] * z * x
-    turn = scale * (F_inverse @ moved)
-    return lens_sigma ** 2 * (F_inverse @ G @ F_inverse) + np.outer(turn, turn)
-
-
-@compiled
-def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, variance: np.ndarray,
-                          seen: np.ndarray, velocity_sigma_m_s: float, lens_sigma_px: float,
-                          lens_scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the covariances (3, 3) rad^2 by velocity and by lens.
-
-    Of the stars seen (N,) among tracks (N, 4), u and v in columns 0 and 2, of errors variance
-    (N,) px^2.
-    """
-    stars = np.flatnonzero(seen)
-    sensor = np.empty((len(stars), 3))
-    for n in range(len(stars)):
-        u, v = track[stars[n], 0], track[stars[n], 2]
-        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-        sensor[n, 0], sensor[n, 1], sensor[n, 2] = ray(lens.equidistant, a, b)
-    sigma_rad, lens_sigma_rad = pixel_rad * np.sqrt(variance[stars]), pixel_rad * lens_sigma_px
-    by_velocity, by_lens = np.zeros((3, 3)), np.zeros((3, 3))
-    if velocity_sigma_m_s > 0:
-        by_velocity = velocity_covariance(velocity_sigma_m_s, sensor, sigma_rad)
-    if lens_sigma_rad > 0 or lens_scale != 0:
-        by_lens = lens_covariance(lens_sigma_rad, lens_scale, sensor, sigma_rad)
-    return by_velocity, by_lens

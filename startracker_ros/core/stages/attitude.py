@@ -105,5 +105,5 @@ class AttitudeStage:
         if not found['valid']:
             return TrustedAttitude(None, reason)
         return TrustedAttitude(
-            replace(attitude_of(found), residual_rad=self._tracker.list(
+            replace(attitude_of(found), residual_rad=self._tracker.listed(
                 'st_residuals', np.dtype(float))), reason, found['protection_rad'].copy())

@@ -28,7 +28,8 @@ MOST_TRACKS, MOST_RATES = 500, 100_000
 
 _CHOICES = {'model': tuple(MODELS), 'solver': SOLVERS, 'association': ASSOCIATIONS}
 _CONDITIONS = 'none', 'used', 'unused'
-_NOT_NEWER = 11  # ST_NOT_NEWER
+_NOT_NEWER, _WAITING = 11, 300  # ST_NOT_NEWER, ST_REASON_WAITING
+_COUNTS = 'late_frames', 'rejected_centroids', 'checks_passed'
 
 
 class TrackerState(StrEnum):
@@ -40,6 +41,14 @@ class TrackerState(StrEnum):
 
 
 _STATES = tuple(TrackerState)
+
+
+def _fields(struct: np.ndarray, first: str, last: str, kind: type) -> np.ndarray:
+    """Return a view of the fields of one kind from the first to the last."""
+    fields = dict(struct.dtype.fields or {})
+    places = [fields[name][1] for name in (first, last)]
+    size = np.dtype(kind).itemsize
+    return struct.reshape(1).view(np.uint8)[places[0]:places[1] + size].view(kind)
 
 
 class TrackFilter:
@@ -85,14 +94,24 @@ class TrackFilter:
         self._tracker = NativeTracker(self._config, native_camera(camera), native_sky(onboard))
         self._tracking, self._hint = (np.zeros((), kind) for kind in (
             native.TRACKING, native.HINT))
-        self._tracking['attitude']['valid'] = self._tracking['frame_attitude']['valid'] = 0
         self._tracking_at = self._tracking.ctypes.data
+        # Fields beside each other, which are read at once.
+        self._whole = _fields(self._tracking, 'state', 'checks_passed', np.int32)
+        self._figures = _fields(self._tracking, 'residual_px', 'stamp_sigma_s', np.float64)
+        self._reasons = [self._tracking[name] for name in (
+            'reason', 'contradiction', 'gyro_trouble')]
+        self._attitude: TrackedAttitude | None = None
         self._observers = ObserverInput(self._tracker, motion)
         self.reset()
 
     def reset(self) -> None:
         """Drop everything but the counts and the track numbers."""
         self._tracker.call('st_reset')
+        counts = {name: int(self._tracking[name]) for name in _COUNTS}
+        self._tracking[()] = np.zeros((), native.TRACKING)
+        self._tracking['reason']['code'], self._tracking['residual_px'] = _WAITING, np.nan
+        for name, count in counts.items():
+            self._tracking[name] = count
         self._observers.reset()
         self.newest_hint: Hint | None = None
         self._stamp_ns: int | None = None
@@ -134,7 +153,7 @@ class TrackFilter:
         native.check(status)
         self._stamp_ns = stamp_ns
         self._look()
-        return Tracks.of(self._tracker.list('st_tracks', native.STAR_TRACK))
+        return Tracks.of(self._tracker.listed('st_tracks', native.STAR_TRACK))
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
@@ -161,24 +180,23 @@ class TrackFilter:
 
     def _look(self) -> None:
         """Take the figures of the last call."""
-        known = self._tracking
-        self.state = _STATES[known['state']]
-        self.reason = reason_text(known['reason'])
-        self.contradiction = reason_text(known['contradiction'])
-        self.gyro_trouble = reason_text(known['gyro_trouble'])
-        self.residual_px, self.stamp_sigma_s = (
-            float(known['residual_px']), float(known['stamp_sigma_s']))
-        self.stars_matched, self.frames_since_fix = (
-            int(known['stars_matched']), int(known['frames_since_fix']))
-        self.late_frames, self.rejected_centroids, self.checks_passed = (
-            int(known[name]) for name in ('late_frames', 'rejected_centroids', 'checks_passed'))
-        self.gyro_condition = _CONDITIONS[known['gyro']]
-        attitude = known['attitude']
-        self.attitude: TrackedAttitude | None = None
-        if attitude['valid']:
-            self.attitude = TrackedAttitude(
-                attitude_of(attitude, known['budget']), attitude['rate_rad_s'].copy(),
+        (state, gyro, *_, self.stars_matched, self.frames_since_fix, self.late_frames,
+         self.rejected_centroids, self.checks_passed) = self._whole.tolist()
+        self.state, self.gyro_condition = _STATES[state], _CONDITIONS[gyro]
+        self.residual_px, self.stamp_sigma_s = self._figures.tolist()
+        self.reason, self.contradiction, self.gyro_trouble = (
+            reason_text(reason) for reason in self._reasons)
+        self._attitude = None
+
+    @property
+    def attitude(self) -> TrackedAttitude | None:
+        """Return the attitude of the newest frame, None unless its stars agree on one."""
+        attitude = self._tracking['attitude']
+        if self._attitude is None and attitude['valid']:
+            self._attitude = TrackedAttitude(
+                attitude_of(attitude, self._tracking['budget']), attitude['rate_rad_s'].copy(),
                 attitude['rate_covariance'].copy())
+        return self._attitude
 
     @property
     def cross_covariance(self) -> np.ndarray | None:
@@ -207,7 +225,7 @@ class TrackFilter:
 
         None unless TRACKING, or without an attitude.
         """
-        table = self._tracker.list('st_predictions', native.PREDICTION, none=True)
+        table = self._tracker.listed('st_predictions', native.PREDICTION, none=True)
         if table is None or self._stamp_ns is None:
             return None
         columns = table.view(float).reshape(len(table), table.itemsize // 8)

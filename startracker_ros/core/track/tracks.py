@@ -60,15 +60,19 @@ class Tracks:
     def of(cls, table: np.ndarray) -> 'Tracks':
         """Return the tracks of a table (N,) of STAR_TRACK, which they are views of."""
         columns = table.view(float).reshape(len(table), table.itemsize // 8)
-        return cls(
+        tracks = cls(
             hip=table['hip'], magnitude=columns[:, 7], uv=columns[:, :2], flux=columns[:, 8],
             snr=columns[:, 9], sigma_px=columns[:, 10], residual_px=columns[:, 11],
             track_id=table['track_id'], age=table['age'].astype(np.uint16),
             missed=table['missed'].astype(np.uint8), association_probability=columns[:, 13],
             velocity=columns[:, 2:4], covariance=columns[:, _COVARIANCE].reshape(-1, 2, 2))
+        vars(tracks)['_table'] = table
+        return tracks
 
     def table(self) -> np.ndarray:
         """Return a table (N,) of STAR_TRACK of these tracks."""
+        if '_table' in vars(self):
+            return vars(self)['_table']
         table = np.zeros(len(self), native.STAR_TRACK)
         columns = table.view(float).reshape(len(table), table.itemsize // 8)
         columns[:, :2], columns[:, 2:4] = self.uv, self.velocity

@@ -8,28 +8,36 @@ from functools import cache
 from pathlib import Path
 import re
 
+from native_core import ROOT
 import pytest
 import startracker_ros
 from startracker_ros.core.integrity.checks import CHECKS
 
-PACKAGE = Path(startracker_ros.__file__).parent
+PACKAGE, NATIVE = Path(startracker_ros.__file__).parent, ROOT / 'native' / 'src'
 TABLE, MODULE = PACKAGE / 'core/integrity/checks.py', 'startracker_ros.core.integrity.checks'
+FIGURES = NATIVE / 'integrity' / 'checks.h'
 EVALUATE = [path for path in sorted((PACKAGE / 'core' / 'integrity').glob('*.py'))
             if path != TABLE] + [PACKAGE / 'core' / f'{name}.py' for name in (
-                'stages/attitude', 'stages/tracking', 'track/attitude_model', 'track/correction',
-                'track/rotation_fit', 'track/start', 'track/track_filter')]
+                'stages/attitude', 'stages/tracking', 'track/track_filter')]
+NATIVE_EVALUATE = [*sorted((NATIVE / 'integrity').glob('*.cpp')), *(
+    NATIVE / f'{name}.cpp' for name in (
+        'track/correction', 'track/attitude_model', 'track/repetition', 'track/rotation_fit',
+        'track/start', 'track/track_filter'))]
 # What is compared and is not the threshold of a check: more likely than not, nanoseconds, modes of
-# motion, rounding errors.
+# motion, rounding errors, the share that few stars have.
 OTHERS = {'0.5', '1.0', '1e-09'}
-OF_FILES = {'attitude_model': {'SMOOTH', '2.0'}, 'consistency': {'_DEPENDENT'},
-            'protection': {'1e-06', '1e-300'}}
+OF_FILES = {'protection': {'1e-06', '1e-300'}}
+OF_NATIVE = {'expected_stars': {'LEAST_SPEED2'}, 'residual_columns': {'DEPENDENT'},
+             'correction': {'0.1'}}
 ORDER = ast.Lt, ast.LtE, ast.Gt, ast.GtE
 
 
 @cache
 def used() -> tuple[set[str], set[str]]:
-    """Return what the package imports from the table, and the words of all its texts."""
+    """Return what the package and the core use of the table, and the words of all texts."""
     checks, words = set(), set()
+    for path in NATIVE.rglob('*.[ch]*'):
+        checks |= set(re.findall(r'\w+', path.read_text())) if path != FIGURES else set()
     for path in PACKAGE.rglob('*.py'):
         for node in ast.walk(ast.parse(path.read_text())) if path != TABLE else ():
             if isinstance(node, ast.ImportFrom) and node.module == MODULE:
@@ -77,7 +85,24 @@ def test_no_threshold_stands_elsewhere(path):
     assert loose_thresholds(path.read_text()) <= OTHERS | OF_FILES.get(path.stem, set())
 
 
+def loose_native_thresholds(source: str) -> set[str]:
+    """Return the same of a source in C++: numbers, and constants that are numbers."""
+    code = re.sub(r'//.*|"[^"\n]*"|template *<[^>]*>|<\w+>', '', source)
+    number = r'-?\d+\.\d*(?:e-?\d+)?|-?\d+e-?\d+'
+    figures = set(re.findall(rf'constexpr double (\w+) = (?:{number});', code))
+    compared = {side for sides in re.findall(
+        rf'({number}|\w+) *[<>]=? *({number}|\w+)', code) for side in sides}
+    return {one for one in compared if re.fullmatch(number, one) or one in figures}
+
+
+@pytest.mark.parametrize('path', NATIVE_EVALUATE, ids=lambda path: path.stem)
+def test_no_threshold_stands_elsewhere_in_the_core(path):
+    assert loose_native_thresholds(path.read_text()) <= OF_NATIVE.get(path.stem, set())
+
+
 def test_a_threshold_elsewhere_is_found():
+    native = 'constexpr double LIMIT = 36.0;\nif (x > LIMIT || y <= 1e-3 || z < 4) {}'
+    assert loose_native_thresholds(native) == {'LIMIT', '1e-3'}
     assert loose_thresholds('LIMIT, NAME = 36.0, ""\nif x > LIMIT * y:\n    pass') == {'LIMIT'}
     assert loose_thresholds('LIMIT = gate(1e-3, 3)\nbad = not x <= LIMIT') == {'LIMIT'}
     assert loose_thresholds('def f(x):\n    return x < 0.02 * 3') == {'0.02'}

@@ -274,9 +274,10 @@ def test_a_start_by_its_own_prediction_does_not_count_against_a_hint():
     tracker, stamp_ns, centroids, mine, _ = after_twelve_frames(motion)
     tracker.update(stamp_ns, centroids.select(~mine))
     assert 'where the tracks before had them' in tracker.reason
-    tracker._enter(TrackerState.LOST, 'by hand')
-    stamp_ns, centroids, hip = motion.frame(14)
-    tracker.add_hint(Hint(stamp_ns, motion.q(14), np.eye(3) * 1e-8,
+    tracker.update(stamp_ns + 6 * 10 ** 9, Centroids.empty())
+    assert tracker.state is TrackerState.LOST
+    stamp_ns, centroids, hip = motion.frame(80)
+    tracker.add_hint(Hint(stamp_ns, motion.q(80), np.eye(3) * 1e-8,
                           np.radians(motion.rate_deg_s), np.eye(3) * 1e-8))
     tracker.update(stamp_ns, centroids)
     tracker.identified(stamp_ns, centroids, hip)
@@ -290,6 +291,14 @@ def test_crowded_stars_are_left_alone():
     tracks = tracker.update(*motion.frame(12)[:2])
     place = crowded.index_of(tracks.hip)
     assert len(tracks) > 8 and not crowded.crowded[place].any()
+
+
+def test_stars_fainter_than_the_limit_are_not_followed():
+    motion = Motion(ONBOARD)
+    tracker = tracking(motion, 12, magnitude_limit=5.0)
+    tracks = tracker.update(*motion.frame(12)[:2])
+    for hip in (tracks.hip, tracker.predicted.hip):
+        assert len(hip) > 4 and (ONBOARD.magnitude[ONBOARD.index_of(hip)] <= 5.0).all()
 
 
 def test_the_number_of_stars_is_limited():
@@ -552,15 +561,3 @@ def test_same_input_same_output():
         tracking(Motion(ONBOARD, (0.1, 0.2, 0.3), false_points=5), 30) for _ in range(2))
     frame = Motion(ONBOARD, (0.1, 0.2, 0.3), false_points=5).frame(30)
     np.testing.assert_array_equal(one.update(*frame[:2]).uv, two.update(*frame[:2]).uv)
-
-
-def test_a_warm_up_leaves_the_state_as_it_is(monkeypatch):
-    states = []
-    update = TrackFilter.update
-    monkeypatch.setattr(TrackFilter, 'update', lambda self, *given: (
-        update(self, *given), states.append(self.state))[0])
-    tracker = TrackFilter(CAMERA, sky())
-    tracker.warm_up()
-    assert states[-1] is TrackerState.TRACKING
-    assert tracker.state is TrackerState.LOST and tracker.attitude is None
-    assert tracker.frames_since_fix == tracker.checks_passed == tracker.late_frames == 0

@@ -1,13 +1,13 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "filter/correction.h"
+#include "track/correction.h"
 
 #include <cmath>
 
-#include "filter/innovation.h"
 #include "maths/sorting.h"
 #include "maths/symmetric.h"
+#include "track/innovation.h"
 
 namespace st {
 

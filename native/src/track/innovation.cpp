@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "filter/innovation.h"
+#include "track/innovation.h"
 
 namespace st {
 

@@ -1,10 +1,10 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "filter/rolling_shutter.h"
+#include "track/rolling_shutter.h"
 
-#include "filter/innovation.h"
 #include "maths/symmetric.h"
+#include "track/innovation.h"
 
 namespace st {
 
