@@ -331,11 +331,11 @@ def understated(heads: str, seed: int) -> list[float]:
     errors, covariances = errors_of(outcomes)
     before, after = slice(0, _SETTLED), slice(_SETTLED, None)
     faulty = [NAMES[head] for head in run.all_faulty]
-    named = {name for name, head in fusion.heads.items() if head.noise.stands_out}
+    named = {name for name, head in fusion.heads.items() if head.stands_out}
     return [nees_of(errors[after], covariances[after]).mean(),
             *_wrong(errors[after], covariances[after]),
             _wrong(errors[before], covariances[before]).wrong,
-            min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
+            min(fusion.heads[name].noise_scale for name in faulty) ** 0.5,
             len(named & {*faulty}), len(named - {*faulty}), len(errors[after])]
 
 
