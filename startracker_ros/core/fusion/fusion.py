@@ -137,10 +137,11 @@ class MountBank:
 
     def learnt(self) -> dict[str, Mount]:
         """Return the mounts for the file."""
-        mounts = np.zeros(len(self._fusion.names), native.MOUNT)
-        for number, mount in enumerate(mounts):
+        mount, learnt = np.zeros((), native.MOUNT), {}
+        for name, number in self._fusion.numbers.items():
             self._fusion.call('learnt', number, mount.ctypes.data)
-        return dict(zip(self._fusion.names, map(mount_of, mounts)))
+            learnt[name] = mount_of(mount)
+        return learnt
 
     def misalignment(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""

@@ -424,13 +424,9 @@ def test_a_head_with_larger_errors_than_it_says_counts_less():
     run = SceneRun(Scene(130.0, fault=UNDERSTATED), np.random.default_rng(2))
     fusion = AttitudeFusion(run.mount_file(), mount_options=MountOptions(
         mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0))
-    errors, own = [], []
-    for outcome in run.events(fusion):
-        errors.append(errors_of([outcome])[0][0])
-        # What is published allows for motions that begin as well.
-        own.append(fusion._history[-1].state.covariance[:3, :3])
-    # 10 where its covariance is used as it is.
-    check_mean(3, nees_of(np.array(errors), np.array(own))[600:])
+    errors, covariances = errors_of(list(run.events(fusion)))
+    # 10 where its covariance is used as it is. What is published allows for motions that begin.
+    check_mean(3, nees_of(errors, covariances)[600:], inflation=1.25)
     scales = [head.noise_scale for head in fusion.heads.values()]
     understated = scales.pop(run.faulty)
     assert UNDERSTATED_BY ** 2 / 1.5 < understated < UNDERSTATED_BY ** 2 * 1.5
@@ -459,39 +455,79 @@ def test_two_heads_begin_only_where_they_agree_well(seed):
             if head != run.faulty] == 2 * [HeadState.USED]
 
 
-def test_the_reference_is_not_wrong_where_it_does_not_count(monkeypatch):
+def bent_until_implausible(heads, errors_arcsec):
+    """Run heads whose mounts are off by less than a frame shows, and return their states."""
+    heads.covariance = np.eye(3) * (3 * ARCSEC) ** 2
+    heads.run(5, heads=[head for head, error_arcsec in errors_arcsec.items() if error_arcsec < 60])
+    for _ in range(200):
+        heads.time_s += 0.2
+        for head, error_arcsec in errors_arcsec.items():
+            heads.frame(head, heads.time_s + 0.01 * head, [error_arcsec * ARCSEC, 0.0, 0.0])
+            if 'mounts_file' in heads.fusion.trouble:
+                return [heads.state(head) is HeadState.EXCLUDED for head in errors_arcsec]
+    return None
+
+
+@pytest.mark.parametrize(('errors_arcsec', 'wrong', 'excluded'), [
+    ({0: 0.0, 1: 0.0, 2: 8.5}, 'head_3', [False, False, True]),
+    # So that both are found by one check.
+    ({0: 0.0, 1: 8.82, 2: 8.5}, 'head_2, head_3', [True, False, False]),
+    ({0: 0.0, 1: 8.5}, 'head_2', [True, True])])
+def test_a_mount_that_leaves_its_file_is_named_and_two_are_the_reference(
+        errors_arcsec, wrong, excluded):
+    heads = Heads(len(errors_arcsec), mount_options=MountOptions(
+        mount_sigma_arcsec=1.0, mount_walk_arcsec_sqrt_h=0.0))
+    assert bent_until_implausible(heads, errors_arcsec) == excluded
+    text = f'mount of {wrong} further from mounts_file than its sigma allows'
+    assert heads.fusion.trouble == text
+    assert {head.reason for head in heads.fusion.heads.values()} == (
+        {text} if all(excluded) else {text, ''})
+
+
+def test_the_reference_is_not_wrong_where_it_does_not_count():
     """Two mounts that leave their file are then against each other, not against its own."""
-    heads = Heads(3)
-    heads.run(3)
-    fusion = heads.fusion
-    monkeypatch.setattr(fusion.mounts, 'implausible', lambda stamp_ns: [
-        fusion.heads[name] for name in NAMES[1:]])
-    fusion.heads[NAMES[0]].enter(HeadState.EXCLUDED)
-    assert fusion._has_implausible_mounts(START_NS)
-    assert {head.state for head in fusion.heads.values()} == {HeadState.EXCLUDED}
-    for name in NAMES:
-        fusion.heads[name].enter(HeadState.USED)
-    assert fusion._has_implausible_mounts(START_NS)
-    assert [head.state is HeadState.EXCLUDED for head in fusion.heads.values()] == [
-        True, False, False]
+    heads = Heads(3, mount_options=MountOptions(
+        mount_sigma_arcsec=1.0, mount_walk_arcsec_sqrt_h=0.0))
+    heads.run(10)
+    heads.run(4, errors={0: [0.02, 0.0, 0.0]})
+    assert heads.state(0) is HeadState.EXCLUDED
+    assert bent_until_implausible(heads, {0: np.degrees(0.02) * 3600, 1: 0.0, 2: 8.5}) == [
+        True, True, True]
 
 
 def test_a_covariance_that_is_none_is_given_up():
     heads = Heads(2)
     heads.run(5)
-    for element, value in (((4, 4), -1e-6), ((0, 0), -1e-6), ((10, 10), np.nan)):
-        entry = heads.fusion._history[-1]
-        motion = entry.state.motion
-        bad = motion.covariance.copy()
-        bad[:, *element] = value
-        heads.fusion._history[-1] = entry._replace(
-            state=FusedState.of(motion._replace(covariance=bad)))
+    for variances in ([1e-39, 1e-19, 1e30], [1e-16, 1e37, 1e-19]):
+        heads.covariance = np.diag(variances)
         result, = heads.run(1, heads=[0])
-        assert result is None and 'not positive definite' in heads.fusion.trouble
+        assert result is None and heads.fusion.trouble.startswith(
+            'the covariance of the filter is not positive definite, its diagonal is [')
         # And begins anew, without what was learnt with it.
+        heads.covariance = COVARIANCE
         last = heads.run(3)[-1]
         assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''
         assert np.linalg.eigvalsh(last.covariance)[0] > 0
+
+
+def test_more_heads_than_there_is_room_for_are_refused():
+    mounts = {f'head_{number}': Mount(np.array([0.0, 0.0, 0.0, 1.0])) for number in range(14)}
+    with pytest.raises(ValueError, match='heads = 14 is not within 1 .. 13'):
+        AttitudeFusion(mounts)
+    with pytest.raises(ValueError, match='coefficients of mounts = 48 is not within 0 .. 36'):
+        AttitudeFusion(dict(list(mounts.items())[:5]), mount_options=MountOptions(
+            mount_temperature_arcsec_k=1.0, mount_orbit_arcsec=1.0))
+    with pytest.raises(ValueError, match='no heads'):
+        AttitudeFusion({})
+
+
+def test_heads_of_50_hz_may_be_late_by_the_horizon():
+    heads = Heads(2)
+    for frame in range(200):
+        for head in range(2):
+            heads.frame(head, 0.02 * frame + 0.001 * head)
+    assert heads.frame(0, 0.02 * 199 - 0.95) is None
+    assert heads.fusion.heads['head_1'].counts['late'] == 0
 
 
 def test_a_gyro_at_its_range_is_named_and_not_used():
