@@ -5,7 +5,8 @@
 The native core, libstartracker.so, by ctypes: its structs as NumPy types, its functions.
 
 The headers of native/include have the meaning and the unit of each field; a test compares names,
-types and places of all fields with them. Loading fails where library and types are of two versions.
+types and places of all fields with them. Loading fails where library and types are of two
+versions.
 """
 
 import ctypes

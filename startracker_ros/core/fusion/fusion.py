@@ -68,7 +68,8 @@ class AttitudeFusion:
                       for name, number in self._native.numbers.items()}
         self.mounts = MountBank(self._native)
         self.steps: list[MountStep] = []
-        self._rate, self._quaternion, self._covariance = map(np.empty, (3, 4, (3, 3)))
+        self._rate, self._quaternion, self._covariance = (
+            np.empty(shape) for shape in ((3,), (4,), (3, 3)))
         self._fused = np.zeros((), native.FUSED)
         self._rate_at = self._rate.ctypes.data
         self._frame_at = tuple(one.ctypes.data for one in (

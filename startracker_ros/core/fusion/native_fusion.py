@@ -37,8 +37,9 @@ class NativeFusion:
         self._library, self._handle = native.library(), ctypes.c_void_p()
         config, fault = np.zeros((), native.FUSION_CONFIG), np.zeros((), native.FAULT)
         native.check(self._library.st_fusion_defaults(config.ctypes.data, len(mounts)))
-        for part, given in (('fusion', options), ('mount', mount_options), ('gyro', gyro_options)):
-            set_options(config[part], given)
+        set_options(config['fusion'], options)
+        set_options(config['mount'], mount_options)
+        set_options(config['gyro'], gyro_options)
         config['frames'] = _SPARE_FRAMES + len(mounts) * min(
             round(options.horizon_s / _FRAME_S), _MOST_FRAMES)
         table = np.array([native_mount(mount) for mount in mounts.values()])
