@@ -4,75 +4,26 @@
 """The fusion of heads of the native core for tests, by ctypes: startracker_fusion.h."""
 
 import ctypes
-from functools import cache
 from pathlib import Path
 
 from native_core import kernels
 import numpy as np
-from startracker_ros.core.native import GYRO_OPTIONS, REASON
+from startracker_ros.core.native import (
+    FUSED, FUSION_CONFIG, HEAD, MOUNT, MOUNT_STEP, REASON)
 
-FUSION_OPTIONS = np.dtype([
-    *((name, float) for name in (
-        'horizon_s', 'max_gap_s', 'max_gyro_gap_s', 'acceleration_deg_s2', 'correlation_s')),
-    *((name, np.int32) for name in (
-        'start_heads', 'agree_frames', 'exclude_frames', 'reserved'))])
-MOUNT_OPTIONS = np.dtype([(name, float) for name in (
-    'mount_sigma_arcsec', 'mount_walk_arcsec_sqrt_h', 'mount_temperature_arcsec_k',
-    'mount_orbit_arcsec', 'orbit_period_s')])
-CONFIG = np.dtype([('fusion', FUSION_OPTIONS), ('mount', MOUNT_OPTIONS), ('gyro', GYRO_OPTIONS),
-                   *((name, np.int32) for name in ('heads', 'frames', 'rates', 'reserved'))])
-MOUNT = np.dtype([
-    ('quaternion', float, 4), ('covariance_rad2', float, (3, 3)), ('law', float, (3, 3)),
-    ('law_covariance', float, (12, 12)), ('time_offset_s', float), ('temperature_c', float),
-    *((name, np.int32) for name in (
-        'has_covariance', 'has_law', 'has_law_covariance', 'reserved'))])
-FUSED = np.dtype([
-    ('quaternion', float, 4), ('covariance_rad2', float, (3, 3)), ('rate_rad_s', float, 3),
-    ('rate_covariance', float, (3, 3)), ('drift_rad_s', float, 3),
-    ('drift_covariance', float, (3, 3)), ('stamp_ns', np.int64), ('valid', np.int32),
-    ('reserved', np.int32)])
-HEAD = np.dtype([
-    ('reason', REASON), ('noise_scale', float), *((name, np.int32) for name in (
-        'state', 'silent', 'stands_out', 'needs_temperature', 'used', 'repeated', 'late', 'ahead',
-        'disagreeing', 'not_counted_yet'))])
-STEP = np.dtype([('stamp_ns', np.int64), ('size_rad', float, 3), ('sigma_rad', float, 3),
-                 ('head', np.int32), ('reserved', np.int32)])
-STRUCTS = {'st_fusion_options': FUSION_OPTIONS, 'st_mount_options': MOUNT_OPTIONS,
-           'st_fusion_config': CONFIG, 'st_mount': MOUNT, 'st_fused': FUSED, 'st_head': HEAD,
-           'st_mount_step': STEP}
 STATES = ('waiting', 'checked', 'used', 'excluded')
 RECORD = Path(__file__).parent / 'native' / 'fusion.npz'
 
 
-@cache
-def library() -> ctypes.CDLL:
-    loaded = kernels()
-    pointer, whole, real, stamp = (
-        ctypes.c_void_p, ctypes.c_int32, ctypes.c_double, ctypes.c_int64)
-    for name, arguments in {
-            'defaults': (pointer, whole), 'size': (pointer,) * 3,
-            'create': (pointer, ctypes.c_size_t, *(pointer,) * 4), 'reset': (pointer,),
-            'add_rate': (pointer, stamp, pointer),
-            'add_frame': (pointer, whole, stamp, *(pointer,) * 3),
-            'add_temperature': (pointer, whole, real), 'state': (pointer,) * 4,
-            'head': (pointer, whole, stamp, pointer),
-            'mount': (pointer, whole, stamp, *(pointer,) * 3),
-            'learnt': (pointer, whole, pointer), 'steps': (pointer, pointer)}.items():
-        function = getattr(loaded, f'st_fusion_{name}')
-        function.argtypes = arguments
-        function.restype = pointer if name == 'steps' else ctypes.c_int
-    return loaded
-
-
 def call(name: str, *arguments) -> int:
     """Call a function with arrays and numbers; return its status."""
-    return getattr(library(), f'st_fusion_{name}')(*(
+    return getattr(kernels(), f'st_fusion_{name}')(*(
         one.ctypes.data if isinstance(one, np.ndarray) else one for one in arguments))
 
 
 def defaults(heads: int, **options) -> np.ndarray:
     """Return st_fusion_config with these options, by their names in its three parts."""
-    config = np.zeros((), CONFIG)
+    config = np.zeros((), FUSION_CONFIG)
     assert call('defaults', config, heads) == 0
     for name, value in options.items():
         part = next((part for part in ('fusion', 'mount', 'gyro')
@@ -168,20 +119,20 @@ class Fusion:
 
     @property
     def steps(self) -> np.ndarray:
-        """Return the steps of the last frame (N,) STEP."""
+        """Return the steps of the last frame (N,) MOUNT_STEP."""
         count = np.zeros(1, np.uintp)
-        address = library().st_fusion_steps(self.handle, count.ctypes.data)
+        address = kernels().st_fusion_steps(self.handle, count.ctypes.data)
         if not count[0]:
-            return np.zeros(0, STEP)
-        size = int(count[0]) * STEP.itemsize
-        return np.frombuffer(ctypes.string_at(address, size), STEP)
+            return np.zeros(0, MOUNT_STEP)
+        size = int(count[0]) * MOUNT_STEP.itemsize
+        return np.frombuffer(ctypes.string_at(address, size), MOUNT_STEP)
 
 
 def find_steps(heads: int, head, stamp_ns, offset, variance, law) -> np.ndarray:
     """Return the steps (S,) of offsets (N, 3) of heads (N,) with law (N, L)."""
     arrays = [np.array(head, np.int32), np.array(stamp_ns, np.int64),
               *(np.array(one, float, order='C') for one in (offset, variance, law))]
-    steps = np.zeros(16, STEP)
+    steps = np.zeros(16, MOUNT_STEP)
     places = [one.ctypes.data for one in arrays]
     count = kernels().stt_find_steps(heads, len(arrays[0]), *places[:4], arrays[4].shape[1],
                                      places[4], steps.ctypes.data, len(steps))

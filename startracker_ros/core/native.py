@@ -4,8 +4,9 @@
 """
 The native core, libstartracker.so, by ctypes: its structs as NumPy types, its functions.
 
-native/include/startracker.h has the meaning and the unit of each field; a test compares names,
-types and places of all fields with it. Loading fails where library and types are of two versions.
+The headers of native/include have the meaning and the unit of each field; a test compares names,
+types and places of all fields with them. Loading fails where library and types are of two
+versions.
 """
 
 import ctypes
@@ -146,6 +147,28 @@ CHECK = _struct(
     name='u8', **_numbers('probability threshold'), **_numbers('dof frames reason limits', 'i4'),
     limit=(LIMIT, _LIMITS))
 
+FUSION_OPTIONS = _struct(
+    **_numbers('horizon_s max_gap_s max_gyro_gap_s acceleration_deg_s2 correlation_s'),
+    **_numbers('start_heads agree_frames exclude_frames reserved', 'i4'))
+MOUNT_OPTIONS = _struct(**_numbers(
+    'mount_sigma_arcsec mount_walk_arcsec_sqrt_h mount_temperature_arcsec_k mount_orbit_arcsec '
+    'orbit_period_s'))
+FUSION_CONFIG = _struct(fusion=FUSION_OPTIONS, mount=MOUNT_OPTIONS, gyro=GYRO_OPTIONS,
+                        **_numbers('heads frames rates reserved', 'i4'))
+MOUNT = _struct(
+    quaternion=_QUATERNION, covariance_rad2=_MATRIX, law=_MATRIX, law_covariance=('f8', (12, 12)),
+    **_numbers('time_offset_s temperature_c'),
+    **_numbers('has_covariance has_law has_law_covariance reserved', 'i4'))
+FUSED = _struct(
+    quaternion=_QUATERNION, covariance_rad2=_MATRIX, rate_rad_s=_VECTOR, rate_covariance=_MATRIX,
+    drift_rad_s=_VECTOR, drift_covariance=_MATRIX, stamp_ns='i8',
+    **_numbers('valid reserved', 'i4'))
+HEAD = _struct(reason=REASON, noise_scale='f8', **_numbers(
+    'state silent stands_out needs_temperature used repeated late ahead disagreeing '
+    'not_counted_yet', 'i4'))
+MOUNT_STEP = _struct(stamp_ns='i8', size_rad=_VECTOR, sigma_rad=_VECTOR,
+                     **_numbers('head reserved', 'i4'))
+
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
 """All structs by their name in the header."""
@@ -165,6 +188,7 @@ def this_abi() -> np.ndarray:
 _POINTER, _COUNT, _STATUS, _TEXT = (
     ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_char_p)
 _STAMP, _FLAG, _NUMBER = ctypes.c_int64, ctypes.c_int32, ctypes.c_double
+_HEAD = ctypes.c_int32
 FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_check_abi': (_STATUS, (_POINTER,)),
     'st_build_text': (_TEXT, ()),
@@ -213,7 +237,19 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
     'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
-    'st_checks': (_POINTER, (_POINTER,))}
+    'st_checks': (_POINTER, (_POINTER,)),
+    'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
+    'st_fusion_size': (_STATUS, (_POINTER,) * 3),
+    'st_fusion_create': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 4)),
+    'st_fusion_reset': (_STATUS, (_POINTER,)),
+    'st_fusion_add_rate': (_STATUS, (_POINTER, _STAMP, _POINTER)),
+    'st_fusion_add_frame': (_STATUS, (_POINTER, _HEAD, _STAMP, *(_POINTER,) * 3)),
+    'st_fusion_add_temperature': (_STATUS, (_POINTER, _HEAD, _NUMBER)),
+    'st_fusion_state': (_STATUS, (_POINTER,) * 4),
+    'st_fusion_head': (_STATUS, (_POINTER, _HEAD, _STAMP, _POINTER)),
+    'st_fusion_mount': (_STATUS, (_POINTER, _HEAD, _STAMP, *(_POINTER,) * 3)),
+    'st_fusion_learnt': (_STATUS, (_POINTER, _HEAD, _POINTER)),
+    'st_fusion_steps': (_POINTER, (_POINTER, _POINTER))}
 """What each function returns and takes."""
 
 

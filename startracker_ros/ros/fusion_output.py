@@ -128,14 +128,14 @@ class FusionOutput:
                                        for key, count in head.counts.items()})
             if head.state is not HeadState.USED or reason:
                 troubles.append(f'{name} {head.state}: {reason}')
-            if head.noise.stands_out:
-                troubles.append(f'{name}: errors {head.noise.scale ** 0.5:.1f} times as large as '
+            if head.stands_out:
+                troubles.append(f'{name}: errors {head.noise_scale ** 0.5:.1f} times as large as '
                                 'its covariance says, which is enlarged')
             if head.needs_temperature:
                 troubles.append(f'{name}/temperature is missing: its mount bends with it')
-        if fusion.motion.gyro_trouble:
-            troubles.append(fusion.motion.gyro_trouble)
-        diagnostics.values['gyro'] = 'used' if fusion.motion.uses_gyro else 'unused'
+        if fusion.gyro_trouble:
+            troubles.append(fusion.gyro_trouble)
+        diagnostics.values['gyro'] = 'used' if fusion.uses_gyro else 'unused'
         new, self._reported = self._published - self._reported, self._published
         if not new:
             diagnostics.report(WARN, '; '.join(

@@ -16,9 +16,10 @@ from startracker_ros.core import native
 from startracker_ros.core.native import NativeError
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 
-FLIGHT, GROUND = ((ROOT / 'native' / 'include' / name).read_text() for name in (
-    'startracker.h', 'startracker_ground.h'))
-HEADER = FLIGHT + GROUND
+INCLUDES = 'startracker.h', 'startracker_ground.h', 'startracker_fusion.h'
+INCLUDE = ''.join(f'#include "{name}"\n' for name in INCLUDES)
+FLIGHT, *MORE = ((ROOT / 'native' / 'include' / name).read_text() for name in INCLUDES)
+HEADER = FLIGHT + ''.join(MORE)
 NOW, PLANNED = FLIGHT.split('#ifdef ST_PLANNED')
 DECLARED = re.compile(r'ST_API [\w *]+?\b(st_\w+)\(')
 C_TYPES = {'f8': 'double', 'i4': 'int32_t', 'u4': 'uint32_t', 'i8': 'int64_t', 'u8': 'uint64_t'}
@@ -43,7 +44,7 @@ def assertions():
 
 def test_each_field_of_the_binding_is_that_of_the_header(tmp_path):
     source = tmp_path / 'layout.c'
-    source.write_text('\n'.join(['#include "startracker_ground.h"', *assertions()]))
+    source.write_text('\n'.join([INCLUDE, *assertions()]))
     compile_alone(source, 'c', '-std=c11')
     assert set(native.STRUCTS) == set(re.findall(r'^} (st_\w+);', HEADER, re.M)) - set(
         re.findall(r'^typedef enum {.*?} (st_\w+);', HEADER, re.M | re.S))
@@ -61,13 +62,13 @@ def compile_alone(source, language, *options):
 def test_the_header_stands_alone_with_what_is_planned(tmp_path, language, standard):
     """In the languages of flight software, older than those the core is written in."""
     source = tmp_path / 'alone'
-    source.write_text('#define ST_PLANNED\n#include "startracker_ground.h"\nst_result result;\n'
-                      'st_abi abi = ST_ABI;\n')
+    source.write_text(f'#define ST_PLANNED\n{INCLUDE}st_result result;\nst_abi abi = ST_ABI;\n'
+                      'st_fused fused;\n')
     compile_alone(source, language, f'-std={standard}')
 
 
 def test_functions_are_those_of_the_header_and_none_that_is_planned_can_be_called():
-    assert set(DECLARED.findall(NOW + GROUND)) == set(native.FUNCTIONS)
+    assert set(DECLARED.findall(NOW + ''.join(MORE))) == set(native.FUNCTIONS)
     planned = DECLARED.findall(PLANNED)
     assert len(planned) == 2
     assert [name for name in planned if hasattr(native.library(), name)] == []

@@ -621,6 +621,21 @@ def test_a_gyro_rejects_what_is_no_rate_and_knows_when_it_was_saturated():
     assert gyro_of([], np.empty((0, 3))).silent_s(0) == np.inf
 
 
+@pytest.mark.parametrize('late_s', [0.0, 0.2])
+def test_a_mean_rate_has_its_variance_where_rates_end_before_a_frame(late_s):
+    """Means over 10 ms, of which the last one stands for all that are late."""
+    rng, rate = np.random.default_rng(4), np.radians([0.3, -0.8, 0.5])
+    stamps_ns = np.arange(1, 101 - round(100 * late_s)) * 10 ** 7
+    sigma, means = np.radians(0.15 / 60) / np.sqrt(0.01), []
+    for _ in range(200):
+        gyro = native.Gyro(np.array([0.001, 0.15, 100.0, 0.0]), stamps_ns,
+                           rate + rng.normal(0, sigma, (len(stamps_ns), 3)))
+        mean, variance = gyro.mean_rate(750_000_000, 10 ** 9)
+        means.append((mean - rate) @ (mean - rate) / variance)
+    # 99.8 % of 600 chi-squares of one degree.
+    assert 3 * abs(np.mean(means) / 3 - 1) < 3 * 3.1 * np.sqrt(2 / 600)
+
+
 def test_a_full_ring_has_the_newest_rates():
     rng = np.random.default_rng(8)
     stamps = np.cumsum(rng.uniform(0.01, 0.02, 50))

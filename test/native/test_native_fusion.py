@@ -1,13 +1,16 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The fusion of heads of the native core: as it was in Python (fusion.npz), and by properties."""
+"""
+The fusion of heads of the native core: as it was in Python (fusion.npz), and by properties.
+
+Of a scene fusion.npz has options, mounts (N, 4), events (E, 3) of kind (0 rate, 1 frame, 2
+temperature), head and stamp, numbers of these; of each frame valid (F,), states (F, N) and codes
+(F, 2 + N); of one in EACH fused (G, 37); counts (N, 6) at the end and steps (S, 8).
+"""
 
 from functools import cache
-import subprocess
 
-from limits import HANGS_S
-from native_core import compiler, ROOT
 import native_filter
 from native_filter import HEADS, MODES, State
 import native_fusion as native
@@ -17,6 +20,7 @@ import pytest
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
     rotation_vector_from_quaternion)
+from startracker_ros.core.native import FUSED, HEAD
 
 ARCSEC = np.pi / 648000
 OF_SIGMA = 5e-9  # of a record: after hundreds of frames, each with what rounding left
@@ -36,40 +40,12 @@ REASONS = {'waiting': 700, 'no pair': 701, 'disagree': 702, 'none left': 704,
            'repeats': 721, 'late': 722, 'ahead': 723, 'ahead of gyro': 724, 'gyro behind': 740}
 
 
-def compile_alone(source, language, *options):
-    done = subprocess.run(
-        [*compiler().command, '-x', language, *options, '-Wall', '-Wextra', '-pedantic', '-Werror',
-         '-c', '-I', str(ROOT / 'native' / 'include'), str(source), '-o', f'{source}.o'],
-        capture_output=True, text=True, timeout=HANGS_S)
-    assert done.returncode == 0, done.stderr
-
-
 def turned(q, rotation):
     return multiply(q, quaternion_from_rotation_vector(rotation))
 
 
 def error_of(q, truth):
     return rotation_vector_from_quaternion(multiply(conjugate(truth), q))
-
-
-# --- the header ---
-
-
-@pytest.mark.parametrize('language, standard', [('c', 'c99'), ('c++', 'c++11')])
-def test_the_header_stands_alone(tmp_path, language, standard):
-    source = tmp_path / 'alone'
-    source.write_text('#include "startracker_fusion.h"\nst_fused fused;\n')
-    compile_alone(source, language, f'-std={standard}')
-
-
-def test_the_types_of_the_tests_are_those_of_the_header(tmp_path):
-    source = tmp_path / 'layout.c'
-    source.write_text('#include "startracker_fusion.h"\n' + '\n'.join(
-        f'_Static_assert({what}({struct}{place}) == {size}, "{struct}{place}");'
-        for struct, kind in native.STRUCTS.items() for what, place, size in (
-            ('sizeof', '', kind.itemsize),
-            *(('offsetof', f', {name}', kind.fields[name][1]) for name in kind.names))))
-    compile_alone(source, 'c', '-std=c11')
 
 
 # --- the record ---
@@ -105,7 +81,7 @@ def test_a_scene_gives_what_it_gave_in_the_record(scene):
         steps += list(fusion.steps)
         frame += 1
         if found is not None and frame % EACH == 0:
-            expected = dict(zip(native.FUSED.names, np.split(
+            expected = dict(zip(FUSED.names, np.split(
                 next(fused), np.cumsum([4, 9, 3, 9, 3])), strict=False))
             assert found['quaternion'] @ expected['quaternion'] > 0
             turn = error_of(found['quaternion'], expected['quaternion'])
@@ -316,7 +292,7 @@ def test_the_velocity_of_an_unknown_date_does_not_average_out():
 
 
 def test_what_is_no_attitude_is_refused():
-    heads, fused = Heads(2), np.zeros((), native.FUSED)
+    heads, fused = Heads(2), np.zeros((), FUSED)
     good_q, good_P = np.array([0.0, 0.0, 0.0, 1.0]), COVARIANCE
     for q, P in (([0, 0, 0, np.nan], good_P), ([0, 0, 0, 0.9], good_P), (good_q, good_P * np.nan),
                  (good_q, -good_P), (good_q, np.diag([1.0, 1.0, 0.0])),
@@ -327,7 +303,7 @@ def test_what_is_no_attitude_is_refused():
         assert native.call('add_frame', heads.fusion.handle, head, START_NS, good_q, good_P,
                            fused) != 0
         assert native.call('head', heads.fusion.handle, head, START_NS,
-                           np.zeros((), native.HEAD)) != 0
+                           np.zeros((), HEAD)) != 0
     for celsius in (np.nan, 293.15, -300.0):
         assert not heads.fusion.add_temperature(1, celsius)
     assert not heads.fusion.add_rate(START_NS, [np.nan, 0, 0])
@@ -346,7 +322,7 @@ def test_any_input_does_no_harm(seed):
             np.clip(scale * rng.standard_normal(), -9e18, 7e18))
         q, root = rng.standard_normal(4), rng.standard_normal((3, 3))
         P = root @ root.T * 10.0 ** rng.integers(-25, 25)
-        fused = np.zeros((), native.FUSED)
+        fused = np.zeros((), FUSED)
         kind, head = rng.integers(4), int(rng.integers(3))
         if kind == 0:
             heads.fusion.add_rate(stamp_ns, 10.0 ** rng.integers(-9, 3) * rng.standard_normal(3))

@@ -11,7 +11,6 @@ from startracker_evaluation.campaign.heads_scene import (
     errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY, WRONG_GYROS)
 from startracker_evaluation.campaign.integrity import CONDITIONS, NEES_BOUNDS, run_of
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -21,7 +20,6 @@ from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
 from startracker_ros.core.fusion.mounts import MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.fusion.state import BODY, FusedState, Measurement
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
@@ -236,31 +234,26 @@ def _posterior_bound(run: SceneRun) -> np.ndarray:
 
 
 def snapshots(runs: int, seed: int) -> np.ndarray:
-    """Return squared errors over the combined Cramer-Rao bound (N, 3) of two heads at one time."""
-    run = SceneRun(Scene(1.0, heads=2), np.random.default_rng(seed))
-    rng = np.random.default_rng(seed)
-    information = np.zeros((3, 3))
-    parts = []
+    """
+    Return squared errors over the combined Cramer-Rao bound (N, 3) of two heads at one time.
+
+    Each is a start: two frames of the first head, of which the older one tells no more than a
+    rate, and one of the second.
+    """
+    run, fusion = _begun(Scene(1.0, heads=2), _KNOWN, seed)
+    rng, information, rows = np.random.default_rng(seed), np.zeros((3, 3)), []
+    covariance = np.diag(np.square(SIGMA_ARCSEC * ARCSEC))
     for mount in run.mounts:
         R = matrix_from_quaternion(mount)
-        covariance = R @ np.diag(np.square(SIGMA_ARCSEC * ARCSEC)) @ R.T
-        information += np.linalg.inv(covariance)
-        parts.append((covariance, np.linalg.cholesky(covariance)))
-    rows = []
+        information += np.linalg.inv(R @ covariance @ R.T)
     for _ in range(1000 * runs):
-        rows.append(_fused_snapshot([(C, L @ rng.standard_normal(3)) for C, L in parts]))
+        fusion.reset()
+        for head, tick in ((0, 0), (0, 1), (1, 1)):
+            fused = fusion.add_frame(NAMES[head], HeadFrame(run.stamp_ns(tick), turned(
+                run.mounts[head], SIGMA_ARCSEC * ARCSEC * rng.standard_normal(3)), covariance))
+        if fused is not None:
+            rows.append(2 * np.sign(fused.quaternion[3]) * fused.quaternion[:3])
     return np.square(rows) / np.diag(np.linalg.inv(information))
-
-
-def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the error (3,) of a state without knowledge after covariances and errors (3,)."""
-    north = np.array([0.0, 0.0, 0.0, 1.0])
-    state = FusedState.begin(AttitudeState(0, north, np.zeros(3), np.zeros(3),
-                                           np.eye(BODY) * 1e-2), np.ones(3), 1.0, np.empty(0))
-    for covariance, error in measured:
-        state = state.updated(Measurement(
-            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0))), 0)
-    return 2 * state.quaternion[:3]
 
 
 def dropping(seed: int) -> list[float]:
@@ -331,11 +324,11 @@ def understated(heads: str, seed: int) -> list[float]:
     errors, covariances = errors_of(outcomes)
     before, after = slice(0, _SETTLED), slice(_SETTLED, None)
     faulty = [NAMES[head] for head in run.all_faulty]
-    named = {name for name, head in fusion.heads.items() if head.noise.stands_out}
+    named = {name for name, head in fusion.heads.items() if head.stands_out}
     return [nees_of(errors[after], covariances[after]).mean(),
             *_wrong(errors[after], covariances[after]),
             _wrong(errors[before], covariances[before]).wrong,
-            min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
+            min(fusion.heads[name].noise_scale for name in faulty) ** 0.5,
             len(named & {*faulty}), len(named - {*faulty}), len(errors[after])]
 
 

@@ -49,7 +49,7 @@ class AttitudeState(NamedTuple):
 
         They last for dt_s (K,) one after another. The rate of the state before is not used.
         noise_density (K,) is that of the white noise of the gyro, rad^2/s; attitude_variance (K,)
-        rad^2 is added to each axis. A covariance may have constants after the drift.
+        rad^2 is added to each axis.
         """
         return AttitudeState(to_ns, *_propagated_at_gyro_rates(
             *self[1:], dt_s, measured, noise_density, attitude_variance, drift_density))
@@ -77,9 +77,9 @@ class AttitudeState(NamedTuple):
 
 
 @compiled
-def _turn_transition(turn: np.ndarray, size: int) -> np.ndarray:
-    """Return the identity of a size with exp(-[turn]x), the attitude error on turned axes."""
-    transition = np.eye(size)
+def _turn_transition(turn: np.ndarray) -> np.ndarray:
+    """Return the identity (9, 9) with exp(-[turn]x), the attitude error on turned axes."""
+    transition = np.eye(9)
     transition[:3, :3] = matrix_from_rotation_vector(turn).T
     return transition
 
@@ -91,7 +91,7 @@ def _propagated_at_constant_rate(
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I."""
     turn = rate * dt_s
-    transition = _turn_transition(turn, 9)
+    transition = _turn_transition(turn)
     process = np.zeros((9, 9))
     for axis in range(3):
         transition[axis, 3 + axis] = dt_s
@@ -113,7 +113,7 @@ def _propagated_at_gyro_rates(
     for k in range(len(dt_s)):
         rate = measured[k] - drift
         turn = rate * dt_s[k]
-        transition = _turn_transition(turn, len(covariance))
+        transition = _turn_transition(turn)
         for axis in range(3):
             transition[axis, 6 + axis] = -dt_s[k]
             transition[3 + axis, 3 + axis] = 0.0

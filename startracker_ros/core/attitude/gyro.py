@@ -25,7 +25,6 @@ IMPOSSIBLE_RAD_S = 100.0
 """More than the range of any gyro, 5730 deg/s: such a number is in another unit."""
 
 SATURATED = 0.999  # of the range
-MOST_RATES = 4  # in a frame interval, for the modes of motion
 _MAX_MEASUREMENTS = 100_000
 
 
@@ -76,11 +75,6 @@ def checked_rate(rate_rad_s: np.ndarray) -> np.ndarray:
     return rate
 
 
-def rate_text(rate_rad_s: np.ndarray) -> str:
-    """Return a rate (3,) as text, in deg/s."""
-    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))
-
-
 class Gyro:
     """
     The latest rates, which propagate an attitude.
@@ -97,7 +91,6 @@ class Gyro:
         self.noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
         self._rate_change_rad_s2 = np.radians(options.gyro_rate_change_deg_s2)
         self._range_rad_s = SATURATED * np.radians(options.gyro_range_deg_s)
-        self.saturated_ns: int | None = None
         self._stamps_ns: list[int] = []
         self._rates: list[np.ndarray] = []
 
@@ -105,15 +98,12 @@ class Gyro:
         """
         Add the rate (3,) about sensor axes measured up to a time; False if it is rejected.
 
-        Measurements come in the order of their stamps. saturated_ns is the time of the newest one
-        that reached the range, None without any.
+        Measurements come in the order of their stamps. One that reaches the range is rejected.
         """
         rate = np.array(rate_rad_s, float)
         x, y, z = map(abs, rate.tolist())
-        if not math.isfinite(x + y + z):
-            return False
-        if max(x, y, z) >= self._range_rad_s:
-            self.saturated_ns = stamp_ns
+        # Written so that NaN is rejected.
+        if not x + y + z < math.inf or max(x, y, z) >= self._range_rad_s:
             return False
         if len(self._rates) >= _MAX_MEASUREMENTS:
             half = _MAX_MEASUREMENTS // 2
@@ -124,14 +114,6 @@ class Gyro:
 
     def __len__(self) -> int:
         return len(self._rates)
-
-    def silent_s(self, stamp_ns: int) -> float:
-        """Return how long before a time the newest measurement was; infinity without any."""
-        return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
-
-    def is_saturated(self, stamp_ns: int, for_s: float) -> bool:
-        """Return whether a measurement reached the range at most for_s before a time."""
-        return self.saturated_ns is not None and 0 <= stamp_ns - self.saturated_ns <= for_s * 1e9
 
     def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
         """Return the state at a later time, propagated by the measured rates alone."""
@@ -175,39 +157,3 @@ class Gyro:
         after = bisect_right(stamps_ns, stamps_ns[index])
         return ((stamps_ns[after] - stamps_ns[index]) * 1e-9 if after < len(stamps_ns)
                 else math.inf)
-
-    def rates(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """
-        Return the measured rates (K, 3) between two times, their variances (K,) and dt_s (K + 1,).
-
-        dt_s are the times from one to the next, from the begin and up to the end. A mean rate
-        counts at the middle of its interval; no more than MOST_RATES, means of more.
-        """
-        begin = max(bisect_right(self._stamps_ns, from_ns), 1)
-        end = bisect_right(self._stamps_ns, to_ns)
-        times_ns, rates, variances = [from_ns], list[np.ndarray](), list[float]()
-        every = max(-(-(end - begin) // MOST_RATES), 1)
-        for first in range(begin, end, every):
-            after = min(first + every, end)
-            stamps_ns = self._stamps_ns[first - 1:after]
-            if stamps_ns[-1] <= stamps_ns[0]:
-                continue
-            measured_ns = np.array(stamps_ns)
-            seconds = (measured_ns[1:] - measured_ns[:-1]) * 1e-9
-            times_ns.append(max((stamps_ns[-1] + stamps_ns[0]) // 2, times_ns[-1]))
-            rates.append(seconds @ np.array(self._rates[first:after]) / seconds.sum())
-            variances.append(self.noise_density / seconds.sum())
-        times_ns.append(to_ns)
-        dt_s = [(after - before) * 1e-9 for before, after in zip(times_ns, times_ns[1:])]
-        return np.array(dt_s), np.array(rates).reshape(-1, 3), np.array(variances)
-
-    def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
-        """Return the mean rate (3,) rad/s between two times and its variance without drift."""
-        # The interval of the first measurement at or after the end contains the end.
-        last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
-        first = min(bisect_right(self._stamps_ns, from_ns), last - 1)
-        dt_s = (to_ns - from_ns) * 1e-9
-        measured_s = sum(self._mean_s(index) for index in range(first, last))
-        variance = (self.noise_density / min(dt_s, measured_s)
-                    + (self._rate_change_rad_s2 * dt_s) ** 2)
-        return np.mean(self._rates[first:last], axis=0), variance

@@ -6,7 +6,8 @@ Mounts of the heads on the body, with the law by which they bend, and their file
 
 A mount is q_body_from_sensor: v_body = R(q) v_sensor. The true one is exp([m]x) R(q) with the
 misalignment m(t) = sum_k phi_k(t) c_k about body axes: phi is 1, the temperature of the head
-above its reference, and cosine and sine of the orbit, as far as these are learnt.
+above its reference, and cosine and sine of the orbit, as far as these are learnt. The phase of the
+orbit counts from stamp 0, so that it lasts over a restart.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.yaml_text import read_yaml
@@ -67,14 +69,28 @@ class Mount:
     temperature_c: float = math.nan
 
 
-def basis(stamp_ns: int, temperature_k: float, period_s: float) -> np.ndarray:
-    """
-    Return phi (4,): 1, the temperature above the reference, cosine and sine of the orbit.
+_KNOWN = {'covariance_rad2': 'has_covariance', 'law': 'has_law',
+          'law_covariance': 'has_law_covariance'}
+"""Fields of a MOUNT that may be unknown, and those that tell."""
 
-    The phase counts from stamp 0, so that it lasts over a restart.
-    """
-    phase = 2 * math.pi * math.fmod(stamp_ns * 1e-9, period_s) / period_s
-    return np.array([1.0, temperature_k, math.cos(phase), math.sin(phase)])
+
+def native_mount(mount: Mount) -> np.ndarray:
+    """Return a MOUNT."""
+    made = np.zeros((), native.MOUNT)
+    made['quaternion'], made['time_offset_s'], made['temperature_c'] = (
+        mount.quaternion, mount.time_offset_s, mount.temperature_c)
+    for name, value in zip(_KNOWN, (mount.covariance, mount.law, mount.law_covariance)):
+        if value is not None:
+            made[name], made[_KNOWN[name]] = value, 1
+    return made
+
+
+def mount_of(mount: np.ndarray) -> Mount:
+    """Return the mount of a MOUNT."""
+    covariance, law, law_covariance = (
+        mount[name].copy() if mount[known] else None for name, known in _KNOWN.items())
+    return Mount(mount['quaternion'].copy(), covariance, float(mount['time_offset_s']), law,
+                 law_covariance, float(mount['temperature_c']))
 
 
 def load_mounts(path: str | Path, heads: tuple[str, ...]) -> dict[str, Mount]:

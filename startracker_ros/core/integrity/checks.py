@@ -91,7 +91,7 @@ class Check:
             for (name, kind), figure in zip(fields, figures)})
 
 
-def _rate_text(rate_rad_s: Sequence[float]) -> str:
+def rate_text(rate_rad_s: Sequence[float]) -> str:
     """Return a rate (3,) as text, in deg/s."""
     return ' '.join(f'{math.degrees(value):.4f}' for value in rate_rad_s)
 
@@ -101,7 +101,7 @@ _FIELDS: Mapping[str, Callable[[Sequence[float]], dict[str, Any]]] = {
         'count': int(figures[0]), 'limit': int(figures[1]),
         'kind': 'tracked' if figures[2] else 'identified'},
     'GYRO_DIFFERS': lambda figures: {
-        'reported': _rate_text(figures[:3]), 'stars': _rate_text(figures[3:6])},
+        'reported': rate_text(figures[:3]), 'stars': rate_text(figures[3:6])},
     'FILTER_COVARIANCE': lambda figures: {'variances': [float(one) for one in figures[:9]]},
     'COVARIANCE': lambda figures: {'variances': [float(one) for one in figures[:3]]}}
 """Figures of diagnostics with texts and lists."""

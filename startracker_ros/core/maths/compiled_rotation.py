@@ -68,12 +68,6 @@ def sensor_directions(matrix: np.ndarray, icrf: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the Hamilton product a b of two quaternions (4,): first b, then a."""
-    return np.array(_product(a, b))
-
-
-@compiled
 def rotation_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the rotation vector (3,) rad about the axes of q (4,) to another attitude (4,)."""
     x, y, z, w = _product((-q[0], -q[1], -q[2], q[3]), other)

@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.fusion.fusion import AttitudeFusion, warm_up
+from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
-from startracker_ros.core.fusion.mounts import (
-    load_mounts, Mount, MountError, MountOptions, save_mounts)
+from startracker_ros.core.fusion.mounts import load_mounts, Mount, MountOptions, save_mounts
 from startracker_ros.core.fusion.options import FusionOptions, HeadsOptions, NO_ROTATION
 from startracker_ros.core.maths.rotation import rotate
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
@@ -59,14 +58,11 @@ class AttitudeFusionNode(PipelineNode):
         try:
             mounts = (load_mounts(options.mounts_file, options.heads) if options.mounts_file
                       else {options.heads[0]: Mount(np.array(NO_ROTATION))})
-        except MountError as error:
+            self._fusion = AttitudeFusion(
+                mounts, self.options(FusionOptions), self.options(MountOptions),
+                self.options(GyroErrorOptions))
+        except ValueError as error:
             raise StartError(str(error)) from error
-        self._fusion = AttitudeFusion(
-            mounts, self.options(FusionOptions), self.options(MountOptions),
-            self.options(GyroErrorOptions))
-
-    def warm_up(self) -> None:
-        warm_up()
 
     def _on_head(self, name: str, message: Imu) -> None:
         self._output.frame_ids[name] = message.header.frame_id

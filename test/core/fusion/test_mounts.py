@@ -5,17 +5,18 @@
 
 import numpy as np
 import pytest
-from startracker_evaluation.campaign.heads_scene import NAMES, Scene, SceneRun
+from startracker_evaluation.campaign.heads_scene import NAMES, Scene, SceneRun, START_NS
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
 from startracker_ros.core.fusion.mounts import (
-    basis, load_mounts, Mount, MountError, MountOptions, save_mounts)
+    load_mounts, Mount, MountError, MountOptions, save_mounts)
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.fusion.steps import BLOCK_S, StepDetector
-from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, conjugate, multiply
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply,
+    quaternion_from_rotation_vector, random_attitude)
 
 MOUNT = np.array([0.5, 0.5, 0.5, 0.5])
-VARIANCE, NO_LAW = (ARCSEC * np.array([1, 1, 11])) ** 2, np.empty(0)
+KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 
 
 def learn(scene, options, seed=6):
@@ -58,56 +59,20 @@ def test_bending_with_the_temperature_is_learnt():
 
 
 def test_a_mount_is_frozen_when_its_head_is_alone():
-    fusion, _ = learn(Scene(20.0), MountOptions(mount_sigma_arcsec=3.0))
+    fusion, outcomes = learn(Scene(20.0), MountOptions(mount_sigma_arcsec=3.0))
     before = fusion.mounts.misalignment('head_2', 0)
     run = SceneRun(Scene(1.0, heads=2), np.random.default_rng(7))
     # Frames of one head tell nothing of the difference of two.
-    state = fusion._history[-1].state
+    last = outcomes[-1].fused
     other = fusion.heads['head_2']
-    q = multiply(state.quaternion, run.mounts[1])
+    q = multiply(last.quaternion, run.mounts[1])
     for index in range(1, 50):
         fusion.add_frame('head_2', HeadFrame(
-            state.stamp_ns + index * 200_000_000, q, np.eye(3) * (5 * ARCSEC) ** 2))
+            last.stamp_ns + index * 200_000_000, q, np.eye(3) * (5 * ARCSEC) ** 2))
     after = fusion.mounts.misalignment('head_2', 0)
     assert other.counts['used'] > 80
     # The covariance does not shrink, but grows with the random walk.
     assert np.trace(after[1]) > 0.8 * np.trace(before[1])
-
-
-def test_a_step_is_found_and_dated():
-    detector, rng, found = StepDetector(('a', 'b')), np.random.default_rng(8), []
-    size = np.array([3.0, -4.0, 0.0]) * ARCSEC
-    for tick in range(1200):
-        time_s, drift = float(tick), 9 * ARCSEC * np.sin(2 * np.pi * tick / 5700)
-        offset = drift + size * (time_s >= 703)
-        noise = ARCSEC * np.array([1, 1, 11]) * rng.standard_normal((2, 3))
-        found += detector.add('a', round(time_s * 1e9), noise[0], VARIANCE, NO_LAW)
-        found += detector.add('b', round(time_s * 1e9) + 1, offset + noise[1], VARIANCE, NO_LAW)
-    step, = found
-    assert step.head == 'b' and abs(step.stamp_ns * 1e-9 - 703) <= 2 * BLOCK_S
-    # Of the block of the step a part is before it.
-    assert np.all(np.abs(step.size_rad - size) < 5 * step.sigma_rad + 0.1 * np.abs(size))
-
-
-def test_slow_bending_is_no_step():
-    detector, rng = StepDetector(('a', 'b')), np.random.default_rng(9)
-    for tick in range(1500):
-        offset = 9 * ARCSEC * np.sin(2 * np.pi * tick / 5700) * np.ones(3)
-        assert not detector.add('a', tick * 10 ** 9, ARCSEC * rng.standard_normal(3), VARIANCE,
-                                NO_LAW)
-        assert not detector.add('b', tick * 10 ** 9, offset + ARCSEC * rng.standard_normal(3),
-                                VARIANCE, NO_LAW)
-
-
-def test_bending_by_a_known_law_and_noise_that_grows_are_no_steps():
-    # As before a blinding: fewer and fewer stars for 30 s, after which there are none.
-    detector, rng = StepDetector(('a', 'b')), np.random.default_rng(7)
-    for tick in range(1500):
-        temperature_k = 10 * np.sin(2 * np.pi * tick / 600)
-        sigma = ARCSEC * np.array([1, 1, 11]) * (30 if tick % 300 >= 270 else 1)
-        for head, offset in (('a', 0.0), ('b', 0.9 * ARCSEC * temperature_k)):
-            assert not detector.add(head, tick * 10 ** 9, offset + sigma * rng.standard_normal(3),
-                                    sigma ** 2, np.array([temperature_k]))
 
 
 def test_the_misalignment_is_about_body_axes():
@@ -135,9 +100,34 @@ def test_a_law_of_the_file_counts_where_none_is_learnt():
     np.testing.assert_allclose(np.diag(covariance), 3e-14)
 
 
-def test_the_basis_lasts_over_a_restart():
-    np.testing.assert_allclose(basis(5700 * 10 ** 9 * 3 + 1425 * 10 ** 9, 2.0, 5700.0),
-                               [1, 2, 0, 1], atol=1e-12)
+def test_the_phase_of_the_orbit_counts_from_stamp_0_and_lasts_over_a_restart():
+    law = np.array([[0, 0, 0], [1e-5, 0, 0], [0, 2e-5, 0]])
+    fusion = AttitudeFusion({'a': Mount(MOUNT), 'b': Mount(
+        MOUNT, law=law, law_covariance=np.zeros((12, 12)))})
+    for quarters, bent in ((12, [1e-5, 0, 0]), (13, [0, 2e-5, 0]), (14, [-1e-5, 0, 0])):
+        found, _ = fusion.mounts.misalignment('b', quarters * 1425 * 10 ** 9)
+        np.testing.assert_allclose(found, bent, atol=1e-17)
+
+
+def test_heads_on_bent_mounts_agree_on_the_attitude_of_the_body():
+    """q_icrf_from_body = q_icrf_from_sensor q_sensor_from_body, its covariance M C M^T."""
+    rng = np.random.default_rng(9)
+    q, mounts = random_attitude(rng), [random_attitude(rng) for _ in range(2)]
+    bend = np.array([3e-4, -2e-4, 1e-4])
+    fusion = AttitudeFusion({'a': Mount(mounts[0]), 'b': Mount(
+        mounts[1], law=np.array([bend, np.zeros(3), np.zeros(3)]),
+        law_covariance=np.zeros((12, 12)), temperature_c=20.0)}, mount_options=KNOWN)
+    assert fusion.heads['b'].set_temperature(21.0)
+    mounts[1] = multiply(quaternion_from_rotation_vector(bend), mounts[1])
+    C, information = np.diag([1.0, 4.0, 100.0]) * ARCSEC ** 2, np.zeros((3, 3))
+    for name, stamp_ns, mount in zip(
+            'aab', START_NS + 10 ** 9 * np.array([0, 1, 1]), [mounts[0], *mounts]):
+        fused = fusion.add_frame(name, HeadFrame(int(stamp_ns), multiply(q, mount), C))
+    assert np.linalg.norm(attitude_error(fused.quaternion, q)) < 1e-12
+    for mount in mounts:
+        M = matrix_from_quaternion(mount)
+        information += np.linalg.inv(M @ C @ M.T)
+    np.testing.assert_allclose(fused.covariance, np.linalg.inv(information), rtol=2e-3)
 
 
 @pytest.mark.parametrize(('text', 'words'), [

@@ -6,7 +6,7 @@
 from native_core import call
 import numpy as np
 from star_motion import Motion, sky, START_NS, STEP_NS
-from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.integrity.checks import REPEATED_FRAME
 from startracker_ros.core.track.options import TrackerOptions
@@ -97,13 +97,6 @@ def test_centroids_may_come_in_the_same_arrays():
         arrays.uv[:] = centroids.uv[:count]
         tracker.update(stamp_ns, arrays)
         assert tracker.attitude is not None
-
-
-def test_a_gyro_at_its_range_is_told_and_not_used():
-    gyro = Gyro(GyroErrorOptions(gyro_range_deg_s=5.0))
-    assert gyro.add(0, np.radians([4.9, 0.0, 0.0])) and gyro.saturated_ns is None
-    assert not gyro.add(10, np.radians([0.0, -5.0, 0.0])) and gyro.saturated_ns == 10
-    assert not gyro.add(20, [np.nan, 0.0, 0.0]) and gyro.saturated_ns == 10
 
 
 def test_a_gyro_at_its_range_in_the_dark_ends_the_state():
