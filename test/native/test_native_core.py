@@ -175,8 +175,8 @@ def test_options_that_may_change_are_those_that_are_live():
     tracker, fault = NativeTracker((20, 30)), np.zeros((), native.FAULT)
     for part, name, row in ROWS:
         config = config_of()
-        config[part][name] = config[part][name] + 1 if row.choices or (
-            config[part][name] == row.low) else row.low
+        is_least = config[part][name] == (row.low or 0)
+        config[part][name] = config[part][name] + 1 if row.choices or is_least else row.low or 0
         status = kernels().st_change_options(tracker.handle, config.ctypes.data,
                                              fault.ctypes.data)
         if row.live:
