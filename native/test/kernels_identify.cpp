@@ -58,7 +58,7 @@ int32_t stt_lens_mismatch(const st_tracker *tracker, const double *seen, const i
     auto *places = const_cast<Point *>(reinterpret_cast<const Point *>(seen));
     const ImageStars stars{count, nullptr, nullptr, places, nullptr, sigma};
     const StarMatch found{const_cast<int32_t *>(star), const_cast<double *>(residual), 1.0,
-                            identity<3>()};
+                          identity<3>()};
     return lens_mismatch(verifier.sky, verifier.equidistant, stars, found, radius, sigma, m, p);
 }
 

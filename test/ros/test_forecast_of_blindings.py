@@ -30,7 +30,7 @@ def attitude(time_s):
 
 
 def forecast(output, time_s, tracked=True, hint=None, start_ns=STAMP_NS):
-    tracker = SimpleNamespace(hints=SimpleNamespace(newest=hint), attitude=SimpleNamespace(
+    tracker = SimpleNamespace(newest_hint=hint, attitude=SimpleNamespace(
         attitude=SimpleNamespace(quaternion=attitude(time_s)), rate_rad_s=RATE)
         if tracked else None)
     values = output._forecast(tracker, start_ns + round(time_s * 1e9))

@@ -18,7 +18,7 @@ AttitudeState measured_by(const AttitudeState &state, const Matrix<N, N> &Y, con
     const auto &P = state.covariance;
     const auto columns = block<STATE_SIZE, N>(P, 0, 0);
     const auto rows = block<N, STATE_SIZE>(P, 0, 0);
-    double determinant;
+    double determinant = 0.0;
     const auto gain = solved_by_pivots(identity<N>() + Y * block<N, N>(P, 0, 0), Y, determinant);
     AttitudeState after = state;
     after.covariance = P - columns * gain * rows;

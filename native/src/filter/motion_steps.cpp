@@ -138,7 +138,7 @@ double correct_by_stars(const Matrix<SIZE, SIZE> &Y, const Vector<SIZE> &vector,
         }
     }
     const Vector<SIZE> seen = Y * away, y = vector + seen;
-    double det;
+    double det = 0.0;
     const auto solved = inverse_and_determinant(identity<SIZE>() + Y * S, det);
     const Vector<SIZE> gained = solved * y;
     const auto gain = solved * Y;

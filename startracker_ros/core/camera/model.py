@@ -274,7 +274,7 @@ class Camera:
             vector[..., 2] = 1
             return vector / np.sqrt(np.einsum('...i,...i', vector, vector))[..., None]
         from startracker_ros.core.camera.lens import rays, undistorted
-        flat = np.ascontiguousarray(pixels.reshape(-1, 2))
+        flat = np.array(pixels.reshape(-1, 2))  # contiguous, and not read-only: as compiled
         found = rays(self.model.equidistant, undistorted(self.lens, flat))
         return found.reshape(*pixels.shape[:-1], 3)
 
