@@ -103,7 +103,7 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
     TriangleOrder order(image.count, arena);
     order.begin(image.count);
     int32_t count = 0;
-    while (count < most && order.next(verifier.sky.pairs, image, verifier.tolerance_sigmas,
+    while (count < most && order.next(verifier.sky.pairs, image, verifier.side_sigmas,
                                       verifier.scale_error, triangle + ptrdiff_t{3} * count) > 0) {
         ++count;
     }
@@ -112,9 +112,9 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
 }
 
 int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t count,
-                        double looked_up, double tested, double false_alarm_max) {
-    return is_searched(tracker->identification.verifier(), median_sigma, count, looked_up, tested,
-                       false_alarm_max);
+                        double looked_up, double cost_ns, double tested, double false_alarm_max) {
+    return is_searched(tracker->identification.verifier(), median_sigma, count, looked_up, cost_ns,
+                       tested, false_alarm_max);
 }
 
 int32_t stt_stars_in_image(const st_tracker *tracker, const double matrix[9]) {

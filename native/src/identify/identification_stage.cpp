@@ -54,6 +54,7 @@ IdentificationStage::IdentificationStage(const st_identification_options &option
     verifier_.bases_by_brightness = setup.bases_by_brightness;
     verifier_.lens_known = setup.lens_known;
     verifier_.tolerance_sigmas = options.tolerance_sigmas;
+    verifier_.side_sigmas = SIDE_SIGMAS * options.tolerance_sigmas;
     verifier_.scale_error = setup.scale_error;
     count_fields(verifier_);
     if (has_pairs()) {

@@ -6,7 +6,11 @@
 // Image stars i and j are an angle theta apart, measured with the errors sigma_i and sigma_j. The
 // noise gate is
 //
-//     rho = n sqrt(sigma_i^2 + sigma_j^2),    n = tolerance_sigmas.
+//     rho = n sqrt(sigma_i^2 + sigma_j^2),    n = 0.5 tolerance_sigmas.
+//
+// Of n sigma the join below grows as n^2 and the triangles of a wrong third side as n^3. So all stars
+// that verify a candidate are searched within tolerance_sigmas, but the sides of its triangle within
+// fewer: 2.1 of 3.5, which five of six true triangles are within, and the others have others.
 //
 // The focal length is known to a share e, so that the true separation is s theta with
 // 1 - e <= s <= 1 + e. That range is cut into B bands of centre s_0 and half width h. In a band the
@@ -48,17 +52,20 @@ struct Entries {
     int64_t first, end;
 };
 
-inline Side image_side(const ImageStars &stars, double tolerance_sigmas, int i, int j) {
+inline Side image_side(const ImageStars &stars, double side_sigmas, int i, int j) {
     double square = 0.0;
     for (int k = 0; k < 3; ++k) {
         const double d = stars.direction[i][k] - stars.direction[j][k];
         square += d * d;
     }
     const double half = std::sqrt(square) / 2, theta = 2 * std::asin(half < 1 ? half : 1.0);
-    const double rho = tolerance_sigmas * std::sqrt(stars.sigma[i] * stars.sigma[i] +
-                                                    stars.sigma[j] * stars.sigma[j]);
+    const double rho =
+        side_sigmas * std::sqrt(stars.sigma[i] * stars.sigma[i] + stars.sigma[j] * stars.sigma[j]);
     return {theta, rho, theta / (rho * rho)};
 }
+
+/// n of a side over that of the stars that verify it.
+constexpr double SIDE_SIGMAS = 0.5;
 
 /// Return B, the number of bands.
 inline int band_count(double scale_error) {

@@ -14,42 +14,45 @@ namespace {
 
 // Expected time in ns, as the costs of triangle_order.h: for each image star to predict it from a
 // triangle, and to verify a candidate.
-constexpr double PREDICTION_COST_NS = 60.0, VERIFICATION_COST_NS = 500.0;
-// The search ends when a field of the least stars that could be accepted would have been found but
-// for this share. A triangle of its stars finds it in so many cases at least: the others have a
-// larger error, or less support than a chance one. Looked at after so many triangles.
-constexpr double MISSED = 0.02, FINDS = 0.5;
+constexpr double PREDICTION_COST_NS = 30.0, VERIFICATION_COST_NS = 250.0;
+// q: a triangle of true stars finds its field in so many cases at least. The others have a larger
+// error, or less support than a chance one.
+constexpr double FINDS = 0.5;
+// W: to find a field is worth so much work.
+constexpr double WORTH_NS = 1e9;
+// Whether to end is looked at after so many triangles.
 constexpr int LOOK_PERIOD = 16;
-// After so many triangles it counts as searched if a field would have been found of which this share
-// of the image stars is true, so many at most: else a list without a sky would be searched for long.
-// Of more spots than a field has stars many are false, and most triangles: they grow with them.
-constexpr double PATIENCE = 400.0, PATIENT_STARS = 50.0, TRUE_SHARE = 0.28, MOST_TRUE = 12.0;
-// The field is taken to have so few stars as one of ten has: these are the easiest to accept.
-constexpr int POOREST = 10;
+// A poor field has as few stars as one of ten, which is the easiest to accept, a rich one as many.
+constexpr int EXTREME = 10;
 // After so much work it is seen whether the caller has stopped the search.
 constexpr double STOP_PERIOD_NS = 3e5;
 
 }  // namespace
 
-/// Of the N = C(n, 3) triangles K = C(m, 3) are of true stars alone if m stars are true. When a
-/// share t of all was looked up, the field is not found with a probability of (1 - t q)^K.
+/// Of the N = C(n, 3) triangles K_m = C(m, 3) are of true stars alone if m of the n stars are true.
+/// Any m up to M is assumed to be as probable as any other: n, or the stars of a rich field. Those
+/// that could be accepted begin with m_0, in a poor field. After t triangles the field is not found
+/// yet with (1 - q t / N)^K_m, so that the next one finds it with the probability
+///
+///     h = 1 / M sum_{m = m_0}^M q K_m / N (1 - q t / N)^(K_m - 1).
+///
+/// It takes the work c: the search ends when h W < c.
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
-                 double tested, double false_alarm_max) {
+                 double cost_ns, double tested, double false_alarm_max) {
     const double n = count, r = verifier.tolerance_sigmas * median_sigma;
-    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOREST], 1);
+    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / EXTREME], 1);
+    const double M = std::min(count, verifier.counts[FIELD_SAMPLES - FIELD_SAMPLES / EXTREME]);
     const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
-    const double least = least_matches(count, p, 1.0 / POOREST, 3, verifier.tolerance_sigmas,
-                                       tested, false_alarm_max);
-    if (least > n) {
-        return true;
+    const double per_triangle = FINDS / (n * (n - 1) * (n - 2) / 6);
+    const double left = std::log(1 - looked_up * per_triangle);
+    double h = 0.0;
+    for (double m = least_matches(count, p, 1.0 / EXTREME, 3, verifier.tolerance_sigmas, tested,
+                                  false_alarm_max);
+         m <= M; ++m) {
+        const double K = m * (m - 1) * (m - 2) / 6;
+        h += K * per_triangle * std::exp((K - 1) * left) / M;
     }
-    const double more = std::fmax(n / PATIENT_STARS, 1.0);
-    const double likely =
-        looked_up < PATIENCE * more * more * more ? 0.0 : std::fmin(n * TRUE_SHARE, MOST_TRUE);
-    const double m = std::fmax(least, likely);
-    const double share = looked_up / (n * (n - 1) * (n - 2) / 6);
-    return m * (m - 1) * (m - 2) / 6 * std::log(1 - std::fmin(share, 1.0) * FINDS) <
-           std::log(MISSED);
+    return h * WORTH_NS < cost_ns;
 }
 
 StarSearch::StarSearch(int most_stars, const Patterns &sky, Arena &arena)
@@ -138,13 +141,13 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
         return false;
     }
     if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 &&
-        is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_, tested_,
-                    false_alarm_max)) {
+        is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_,
+                    work_.done_ns / looked_up_, tested_, false_alarm_max)) {
         return false;
     }
     int32_t base[3];
-    cost_ns_ = order_.next(pairs(verifier), stars_, verifier.tolerance_sigmas,
-                           verifier.scale_error, base);
+    cost_ns_ =
+        order_.next(pairs(verifier), stars_, verifier.side_sigmas, verifier.scale_error, base);
     if (cost_ns_ < 0) {
         return false;
     }

@@ -28,10 +28,10 @@ enum class Outcome { SEARCHING, IDENTIFIED, TOO_FEW, AMBIGUOUS, EXHAUSTED, MOST_
 
 constexpr int LEAST_STARS = 4;
 
-/// Whether more triangles of count image stars, of this median error, are of no use after so many
-/// that were looked up, and so many tested candidates.
+/// Whether more triangles of count image stars, of this median error, are not worth their work after
+/// so many that were looked up at this cost in ns each, and so many tested candidates.
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
-                 double tested, double false_alarm_max);
+                 double cost_ns, double tested, double false_alarm_max);
 
 /// A search among the stars of one frame, and its memory.
 class StarSearch {

@@ -11,7 +11,7 @@
 namespace st {
 namespace {
 
-constexpr double PAIR_COST_NS = 4.0, JOIN_COST_NS = 8.0, SCAN_COST_NS = 3.0;
+constexpr double PAIR_COST_NS = 3.0, JOIN_COST_NS = 3.0, SCAN_COST_NS = 3.0;
 // Trust in each star over that in the next brighter one, of so many stars or fewer. Of more stars
 // most are false, and brightness means less: the faintest is then trusted as the last of these.
 constexpr double FAINTER_TRUST = 0.9;
@@ -63,7 +63,7 @@ void TriangleOrder::begin(int count) {
     std::fill(used_, used_ + words_of(count), uint64_t{0});
 }
 
-double TriangleOrder::next(const Pairs &pairs, const ImageStars &stars, double tolerance_sigmas,
+double TriangleOrder::next(const Pairs &pairs, const ImageStars &stars, double side_sigmas,
                            double scale_error, int32_t base[3]) {
     // By insertion: few have changed their weight.
     for (int i = 1; i < count_; ++i) {
@@ -76,7 +76,7 @@ double TriangleOrder::next(const Pairs &pairs, const ImageStars &stars, double t
     }
     const double join_size =
         static_cast<double>(std::max(pairs.stars, 1)) * band_count(scale_error);
-    double scanned = 0.0;
+    double scanned = TRIANGLE_COST_NS;
     for (int most = TRUSTED;; most *= 2) {
         most = std::min(most, count_);
         if (most > TRUSTED) {
@@ -86,16 +86,15 @@ double TriangleOrder::next(const Pairs &pairs, const ImageStars &stars, double t
             for (int y = 0; y < x; ++y) {
                 const ptrdiff_t i = ranked_[x], j = ranked_[y];
                 if (expected_[i * count_ + j] < 0) {
-                    const Side side = image_side(stars, tolerance_sigmas, ranked_[x], ranked_[y]);
+                    const Side side = image_side(stars, side_sigmas, ranked_[x], ranked_[y]);
                     expected_[i * count_ + j] = expected_[j * count_ + i] =
                         expected_pairs(pairs, side, scale_error);
                 }
             }
         }
-        const double cost = best(most, join_size, base);
-        if (cost >= 0) {
+        if (best(most, join_size, base)) {
             use(base);
-            return cost + scanned;
+            return scanned;
         }
         if (most == count_) {
             return -1.0;
@@ -103,8 +102,8 @@ double TriangleOrder::next(const Pairs &pairs, const ImageStars &stars, double t
     }
 }
 
-double TriangleOrder::best(int most, double join_size, int32_t base[3]) const {
-    double greatest = 0.0, best_cost = -1.0;
+bool TriangleOrder::best(int most, double join_size, int32_t base[3]) const {
+    double greatest = 0.0;
     for (int x = 0; x < most; ++x) {
         const int32_t i = ranked_[x];
         const double *of_i = expected_ + static_cast<ptrdiff_t>(i) * count_;
@@ -129,7 +128,6 @@ double TriangleOrder::best(int most, double join_size, int32_t base[3]) const {
                 const double value = weight_[i] * weight_[j] * weight_[k] / cost;
                 if (value > greatest && !is_used(i, j, k)) {
                     greatest = value;
-                    best_cost = cost;
                     base[0] = i;
                     base[1] = j;
                     base[2] = k;
@@ -137,7 +135,7 @@ double TriangleOrder::best(int most, double join_size, int32_t base[3]) const {
             }
         }
     }
-    return best_cost;
+    return greatest > 0;
 }
 
 bool TriangleOrder::is_used(int i, int j, int k) const {

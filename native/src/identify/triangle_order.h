@@ -23,7 +23,7 @@
 namespace st {
 
 /// c_0: expected time in ns to look up a triangle, also to verify one candidate.
-constexpr double TRIANGLE_COST_NS = 4000.0;
+constexpr double TRIANGLE_COST_NS = 2500.0;
 
 /// The triangles of the brightest stars of a frame, each once.
 class TriangleOrder {
@@ -39,14 +39,14 @@ public:
     void begin(int count);
 
     /// Put the next triangle into base, the longest side between the second and the third; return
-    /// its cost in ns, negative when none is left.
-    double next(const Pairs &pairs, const ImageStars &stars, double tolerance_sigmas,
+    /// the expected time in ns without that of its pairs, negative when none is left.
+    double next(const Pairs &pairs, const ImageStars &stars, double side_sigmas,
                 double scale_error, int32_t base[3]);
 
     int count() const { return count_; }
 
 private:
-    double best(int most, double join_size, int32_t base[3]) const;
+    bool best(int most, double join_size, int32_t base[3]) const;
     void use(int32_t base[3]);
     bool is_used(int i, int j, int k) const;
 

@@ -13,10 +13,17 @@ namespace {
 constexpr double FLAT_SIGMAS = 4.0;
 // Steps of a search are members of its lists and joins, of this expected time in ns. To look up the
 // support of a triangle takes as long as so many. Work is counted after so many at least.
-constexpr double STEP_NS = 4.0;
+constexpr double STEP_NS = 1.5;
 constexpr int64_t SUPPORT_STEPS = 250, COUNTED_STEPS = 20000;
 // Candidates with a third of the support of the best one or less are chance.
 constexpr double LEAST_SHARE = 3.0;
+// Entries of side ac that are joined together.
+constexpr int JOINED_TOGETHER = 512;
+
+/// Entries of ac and ab of the same star a.
+struct Joined {
+    int32_t ac, ab;
+};
 
 double volume_of(const double *a, const double *b, const double *c) {
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
@@ -30,11 +37,10 @@ double squared_chord(double angle_rad) {
 
 }  // namespace
 
-ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3],
-                             double tolerance_sigmas) {
-    const Side ab = image_side(stars, tolerance_sigmas, base[0], base[1]);
-    const Side ac = image_side(stars, tolerance_sigmas, base[0], base[2]);
-    const Side bc = image_side(stars, tolerance_sigmas, base[1], base[2]);
+ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3], double side_sigmas) {
+    const Side ab = image_side(stars, side_sigmas, base[0], base[1]);
+    const Side ac = image_side(stars, side_sigmas, base[0], base[2]);
+    const Side bc = image_side(stars, side_sigmas, base[1], base[2]);
     const double norm = ab.weight * ab.theta + ac.weight * ac.theta + bc.weight * bc.theta;
     const double volume =
         volume_of(stars.direction[base[0]].element, stars.direction[base[1]].element,
@@ -42,12 +48,12 @@ ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3],
     const double rho = std::fmax(std::fmax(ab.rho, ac.rho), bc.rho);
     const double longest = std::fmax(std::fmax(ab.theta, ac.theta), bc.theta);
     return {ab,   ac,     bc,
-            norm, volume, std::fabs(volume) < rho / tolerance_sigmas * FLAT_SIGMAS * longest};
+            norm, volume, std::fabs(volume) < rho / side_sigmas * FLAT_SIGMAS * longest};
 }
 
 void TriangleSearch::begin(const Verifier &verifier, const ImageStars &stars,
                            const int32_t base[3], int32_t *latest) {
-    triangle_ = image_triangle(stars, base, verifier.tolerance_sigmas);
+    triangle_ = image_triangle(stars, base, verifier.side_sigmas);
     supporters_ = supporters(verifier.sky, stars, base, verifier.tolerance_sigmas);
     latest_ = latest;
     next_band_ = 0;
@@ -117,44 +123,45 @@ bool TriangleSearch::proceed(const Verifier &verifier, const Pairs &pairs, Work 
 /// Join pairs ac with the pairs ab of the same star a, until steps are to be counted; whether a
 /// candidate is decisive.
 bool TriangleSearch::join(const Verifier &verifier, const Pairs &pairs, double &tested) {
-    const int32_t *member = pairs.member, *previous = pairs.previous, *latest = latest_;
+    const int32_t *member = pairs.member, *previous = pairs.previous;
     const double (*direction)[3] = pairs.direction;
-    const auto first = static_cast<int32_t>(ab_.first), end = static_cast<int32_t>(ab_.end);
-    const double low2 = low2_, high2 = high2_;
-    int64_t ac = entry_, steps = steps_;
-    bool decisive = false;
-    for (; ac < ac_.end && steps < COUNTED_STEPS && !decisive; ++ac) {
-        ++steps;
-        const int32_t a = member[ac];
-        int32_t ab = latest[a];
-        if (ab < first || ab >= end) {
-            continue;
+    const auto first = static_cast<int32_t>(ab_.first);
+    const auto range = static_cast<uint32_t>(ab_.end - ab_.first);
+    Joined joined[JOINED_TOGETHER];
+    while (entry_ < ac_.end && steps_ < COUNTED_STEPS) {
+        const int64_t end = std::min(ac_.end, entry_ + JOINED_TOGETHER);
+        steps_ += end - entry_;
+        // Without branches: whether a star is in both ranges is not predictable.
+        int count = 0;
+        for (; entry_ < end; ++entry_) {
+            const int32_t ab = latest_[member[entry_]];
+            joined[count] = {static_cast<int32_t>(entry_), ab};
+            count += static_cast<uint32_t>(ab) - static_cast<uint32_t>(first) < range;
         }
-        const int32_t c = member[ac ^ 1];
-        const double *C = direction[c];
-        const double x = C[0], y = C[1], z = C[2];
-        for (; ab >= first; ab = previous[ab]) {
-            ++steps;
-            const int32_t b = member[ab ^ 1];
-            const double *B = direction[b];
-            const double dx = B[0] - x, dy = B[1] - y, dz = B[2] - z;
-            const double chord2 = dx * dx + dy * dy + dz * dz;
-            if (low2 <= chord2 && chord2 <= high2 &&
-                sides_fit(pairs.separation_rad[ab >> 1], pairs.separation_rad[ac >> 1],
-                          2 * std::asin(std::sqrt(chord2) / 2)) &&
-                (triangle_.flat || volume_of(direction[a], B, C) * triangle_.volume > 0)) {
-                ++tested;
-                steps += SUPPORT_STEPS;
-                if (weigh(verifier, pairs.star[a], pairs.star[b], pairs.star[c])) {
-                    decisive = true;
-                    break;
+        while (count > 0) {
+            steps_ += count;
+            int left = 0;
+            for (int row = 0; row < count; ++row) {
+                const auto [ac, ab] = joined[row];
+                const int32_t before = previous[ab];
+                joined[left] = {ac, before};
+                left += before >= first;
+                const double *B = direction[member[ab ^ 1]], *C = direction[member[ac ^ 1]];
+                const double x = B[0] - C[0], y = B[1] - C[1], z = B[2] - C[2];
+                const double chord2 = x * x + y * y + z * z;
+                if (low2_ <= chord2 && chord2 <= high2_ && fits(pairs, ab, ac, chord2)) {
+                    ++tested;
+                    steps_ += SUPPORT_STEPS;
+                    if (weigh(verifier, pairs.star[member[ac]], pairs.star[member[ab ^ 1]],
+                              pairs.star[member[ac ^ 1]])) {
+                        return true;
+                    }
                 }
             }
+            count = left;
         }
     }
-    entry_ = ac;
-    steps_ = steps;
-    return decisive;
+    return false;
 }
 
 /// Look up the support of a candidate; whether it is decisive.
@@ -165,12 +172,23 @@ bool TriangleSearch::weigh(const Verifier &verifier, int32_t a, int32_t b, int32
     return found >= DECISIVE;
 }
 
-/// Whether three separations fit with one common scale.
-bool TriangleSearch::sides_fit(double d_ab, double d_ac, double d_bc) const {
+/// Whether two joined entries fit: the three sides with one common scale, and the handedness.
+bool TriangleSearch::fits(const Pairs &pairs, int32_t entry_ab, int32_t entry_ac,
+                          double chord2) const {
     const auto &[ab, ac, bc, norm, volume, flat] = triangle_;
+    const double d_ab = pairs.separation_rad[entry_ab >> 1];
+    const double d_ac = pairs.separation_rad[entry_ac >> 1];
+    const double d_bc = 2 * std::asin(std::sqrt(chord2) / 2);
     const double s = (d_ab * ab.weight + d_ac * ac.weight + d_bc * bc.weight) / norm;
+    const auto direction = [&pairs](int32_t entry) {
+        return pairs.direction[pairs.member[entry]];
+    };
     return band_.low <= s && s < band_.high && std::fabs(d_ab - s * ab.theta) <= ab.rho &&
-           std::fabs(d_ac - s * ac.theta) <= ac.rho && std::fabs(d_bc - s * bc.theta) <= bc.rho;
+           std::fabs(d_ac - s * ac.theta) <= ac.rho && std::fabs(d_bc - s * bc.theta) <= bc.rho &&
+           (flat ||
+            volume_of(direction(entry_ac), direction(entry_ab ^ 1), direction(entry_ac ^ 1)) *
+                    volume >
+                0);
 }
 
 /// Insert a triangle of so much support into the best ones, the most first.

@@ -43,8 +43,7 @@ struct ImageTriangle {
     bool flat;
 };
 
-ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3],
-                             double tolerance_sigmas);
+ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3], double side_sigmas);
 
 /// Expected time of a search in ns: what it may take until it pauses, and at all.
 struct Work {
@@ -77,7 +76,7 @@ private:
     void begin_band(const Verifier &verifier, const Pairs &pairs);
     bool join(const Verifier &verifier, const Pairs &pairs, double &tested);
     bool weigh(const Verifier &verifier, int32_t a, int32_t b, int32_t c);
-    bool sides_fit(double d_ab, double d_ac, double d_bc) const;
+    bool fits(const Pairs &pairs, int32_t entry_ab, int32_t entry_ac, double chord2) const;
     void keep(int32_t a, int32_t b, int32_t c, double support);
 
     ImageTriangle triangle_;

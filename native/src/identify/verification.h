@@ -38,9 +38,9 @@ struct Verifier {
     bool bases_by_brightness;
     // False for a lens that is fitted after the identification: its near misses are expected.
     bool lens_known;
-    double tolerance_sigmas;
-    double scale_error;             // of the focal length, a share
-    int32_t counts[FIELD_SAMPLES];  // stars in fields about random directions, ascending
+    double tolerance_sigmas, side_sigmas;  // of stars, of sides of triangles
+    double scale_error;                    // of the focal length, a share
+    int32_t counts[FIELD_SAMPLES];         // stars in fields about random directions, ascending
 };
 
 /// Set the numbers of stars in fields about random directions.

@@ -16,7 +16,7 @@ from startracker_ros.core.identify.pairs import build_pairs
 from startracker_ros.core.identify.star_matcher import BrightLevel, Rules, StarMatcher
 from startracker_ros.core.maths.rotation import random_attitude, rotate
 
-SIGMAS = 3.5
+SIGMAS, TOLERANCE = 1.75, 3.5  # of a side, of the stars
 
 
 class Triangles(StarMatcher):
@@ -27,7 +27,7 @@ class Triangles(StarMatcher):
         sky = OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction,
                              np.full(count, 5.0), *np.zeros((2, count), bool))
         pairs = build_pairs(sky, 1e-3, 0.3)
-        super().__init__(CAMERA, sky, {'tolerance_sigmas': SIGMAS}, Rules(scale_error), pairs,
+        super().__init__(CAMERA, sky, {'tolerance_sigmas': TOLERANCE}, Rules(scale_error), pairs,
                          pairs.among(0), BrightLevel(0.0, 0, 0))
 
     def look_up(self, image, sigma, base, most_ns=math.inf):
