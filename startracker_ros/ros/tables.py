@@ -85,7 +85,8 @@ def _threshold(check: Check) -> str:
 
 def checks_text(page: str) -> str:
     """Return the page of integrity with the table of all checks as it is now."""
-    lines = ['| check | evidence | threshold | action | what a user sees |', '|---|---|---|---|---|']
+    lines = ['| check | evidence | threshold | action | what a user sees |',
+             '|---|---|---|---|---|']
     for name, check in CHECKS.items():
         seen = re.sub(r'{.*?}', '…', check.diagnostic) or '—'
         lines.append(f'| {name.lower().replace("_", " ")} | {check.evidence} | '
