@@ -4,8 +4,8 @@
 """
 Annotated YAML and documentation from tables in the code: python -m startracker_ros.ros.tables.
 
-Writes config/<node>.yaml, docs/parameters.md and docs/integrity.md of the source tree it is
-started in.
+Writes config/<node>.yaml, docs/parameters.md and the table of docs/integrity.md of the source
+tree it is started in.
 """
 
 from pathlib import Path
@@ -83,34 +83,25 @@ def _threshold(check: Check) -> str:
         f'{check.frames} frames' if check.frames else '')))
 
 
-def checks_text() -> str:
-    """Return the page of all checks of integrity."""
-    lines = [
-        '# Integrity', '',
-        'Every check that decides whether the stars of a frame are used and their attitude is',
-        'trusted; [identification](identification.md#verification) has its own. Made by',
-        f'`{_COMMAND}` from [checks.py](../startracker_ros/core/integrity/checks.py), from which',
-        'the code takes its thresholds. In the same folder validation.py decides what is',
-        'published, and protection.py has the [protection level](tracking.md#protection-level).',
-        '', 'A threshold is the probability that chance exceeds it in a frame without a fault,',
-        'with the chi-square of so many degrees of freedom in parentheses; or figures with their',
-        'units where the evidence has no known distribution; or [parameters](parameters.md). What',
-        'widens the covariance is a term of the [error budget](tracking.md#error-budget). A',
-        'sentence is the `reason` in `tracker_status` or in `/diagnostics`, with its figures;',
-        'where another hypothesis is tried there is none.', '',
-        '| check | evidence | threshold | action | what a user sees |', '|---|---|---|---|---|']
+def checks_text(page: str) -> str:
+    """Return the page of integrity with the table of all checks as it is now."""
+    lines = ['| check | evidence | threshold | action | what a user sees |',
+             '|---|---|---|---|---|']
     for name, check in CHECKS.items():
         seen = re.sub(r'{.*?}', '…', check.diagnostic) or '—'
         lines.append(f'| {name.lower().replace("_", " ")} | {check.evidence} | '
                      f'{_threshold(check)} | {check.action} | {seen} |')
-    return '\n'.join(lines) + '\n'
+    head, begin, rest = page.partition(f'<!-- checks: made by {_COMMAND} -->\n')
+    _, end, tail = rest.partition('<!-- end of checks -->')
+    return f'{head}{begin}\n' + '\n'.join(lines) + f'\n\n{end}{tail}'
 
 
-def files() -> dict[str, str]:
+def files(root: Path = Path()) -> dict[str, str]:
     """Return the text of every generated file, by its path in the source tree."""
     texts = {f'config/{node}.yaml': yaml_text(node) for node in NODES}
     texts['docs/parameters.md'] = markdown_text()
-    texts['docs/integrity.md'] = checks_text()
+    integrity = 'docs/integrity.md'
+    texts[integrity] = checks_text((root / integrity).read_text())
     return texts
 
 

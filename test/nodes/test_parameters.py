@@ -16,9 +16,9 @@ import yaml
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize('path', tables.files())
+@pytest.mark.parametrize('path', tables.files(ROOT))
 def test_generated_files_are_current(path):
-    assert (ROOT / path).read_text() == tables.files()[path], (
+    assert (ROOT / path).read_text() == tables.files(ROOT)[path], (
         'run python -m startracker_ros.ros.tables')
 
 
