@@ -64,9 +64,10 @@ def test_lists_of_all_kinds_have_the_stars_of_the_record(record, lists, camera):
         compared += 1
         assert found.status == 'identified'
         np.testing.assert_array_equal(found.hip, record['found'][rows])
-        # The triangle that led to them may be another one: far less than any noise.
-        np.testing.assert_allclose(found.residual_px, record['residual_px'][rows], atol=5e-3)
-        assert found.focal_ratio == pytest.approx(ratio, abs=1e-5)
+        # The triangle that led to them may be another one: far less than the noise.
+        np.testing.assert_allclose(found.residual_px, record['residual_px'][rows],
+                                   atol=0.1 * record['sigma_px'][number])
+        assert found.focal_ratio == pytest.approx(ratio, abs=3e-5)
         quaternion, sigma_rad = np.array(numbers[4:8]), np.array(numbers[8:])
         assert (np.abs(attitude_error(found.attitude.quaternion, quaternion))
                 < 0.02 * sigma_rad).all()
@@ -188,12 +189,12 @@ def test_a_search_in_slices_has_the_same_result(record, lists, sky, slice_s):
 
 
 def test_a_search_is_stopped_by_another_thread(record, lists, sky):
-    flight = Flight(CAMERAS['12 deg'], sky, most_work_s=600.0, false_alarm_max=1e-30)
+    flight = Flight(CAMERAS['12 deg'], sky, most_work_s=600.0)
     rng = np.random.default_rng(3)
     spots = Centroids(rng.uniform(0, 1023, (300, 2)), np.arange(300.0), np.ones(300),
-                      np.full(300, 2.0))
+                      np.full(300, 0.3))
     stop = np.zeros(1, np.uint32)
-    timer = threading.Timer(0.05, lambda: stop.fill(1))
+    timer = threading.Timer(0.01, lambda: stop.fill(1))
     timer.start()
     native.check(flight.identify(spots, stop=stop.ctypes.data))
     timer.join(HANGS_S)

@@ -3,7 +3,7 @@
 
 """The frames of the lost-in-space comparison: cameras, cells, simulated centroids."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 import zlib
@@ -64,7 +64,8 @@ class Cell:
     false: int = 0
     sky: str = 'any'
     focal_ratio: float = 1.0
-    fov_error_percent: float = 0.5
+    # Not of the frames: their seed is of the printed cell.
+    fov_error_percent: float = field(default=0.5, repr=False)
 
     @property
     def name(self) -> str:

@@ -89,10 +89,10 @@ def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any)
               help='Julian year of the star places, rounded.  [default: this year]')
 @click.option('--band', type=click.Choice(['V', 'Hp', 'G']), default='V', show_default=True,
               help='Band of the magnitudes.')
-@click.option('--magnitude-limit', type=click.FloatRange(0, 11), default=0.0, show_default=True,
-              help='Faintest stars of the pairs; 0: a field holds twenty on average.')
-@click.option('--fov-error-percent', type=click.FloatRange(0, 5), default=0.5, show_default=True,
-              help='Tolerance of the focal length, for which there are pairs.')
+@click.option('--magnitude-limit', type=float,
+              help='Faintest stars of the pairs.  [default: a field holds twenty on average]')
+@click.option('--fov-error-percent', type=float,
+              help='Tolerance of the focal length, for which there are pairs.  [default: 0.5]')
 @json_option
 def sky(output: Path, fov_deg: float | None, camera_file: Path | None, epoch_year: float | None,
         band: str, as_json: bool, **limits: Any) -> None:
@@ -113,9 +113,12 @@ def sky(output: Path, fov_deg: float | None, camera_file: Path | None, epoch_yea
     with usage_error_on(CameraError):
         camera = (Camera.from_fov(1024, 1024, fov_deg or 12.0) if camera_file is None
                   else load_camera(camera_file))
+    with usage_error_on(ValueError):
+        options = IdentificationOptions(**{
+            name: limit for name, limit in limits.items() if limit is not None})
     with usage_error_on(CameraError), exit_1_on(NativeError, output=output):
         # Before the long work, not after it.
         check_output(output)
-        result = write_sky(camera, output, epoch_year or epoch_year_now(),
-                           IdentificationOptions(**limits), BandOptions(band))
+        result = write_sky(camera, output, epoch_year or epoch_year_now(), options,
+                           BandOptions(band))
     print_result(result, as_json)
