@@ -415,7 +415,7 @@ static void texts(void) {
     for (int status = 0; status <= ST_STATUS_COUNT; ++status) {
         CHECK(strlen(st_status_text((st_status)status)) > 1);
     }
-    CHECK(strstr(st_build_text(), "interface 2") != NULL);
+    CHECK(strstr(st_build_text(), "interface 3") != NULL);
 }
 
 int main(void) {

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 LIBRARY = Path(__file__).with_name('libstartracker.so')
-VERSION = 2
+VERSION = 3
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
@@ -69,7 +69,7 @@ EXTRACTION_OPTIONS = _struct(
     **_numbers('threshold method max_stars max_stars_lost readout_up reserved', 'i4'))
 IDENTIFICATION_OPTIONS = _struct(
     **_numbers('tolerance_sigmas sigma_floor_px fov_error_percent false_alarm_max most_work_s '
-               'check_period_s'), **_numbers('max_image_stars reserved', 'i4'))
+               'check_period_s slice_s'), **_numbers('max_image_stars reserved', 'i4'))
 TRACKING_OPTIONS = _struct(
     **_numbers('magnitude_limit acceleration_deg_s2 roll_acceleration_deg_s2 sigma_floor_px '
                'detection_probability gate_probability magnitude_tolerance max_residual_px '
@@ -127,7 +127,7 @@ TRUSTED = _struct(attitude=ATTITUDE, reason=REASON)
 RESULT = _struct(
     attitude=ATTITUDE, reason=REASON, extraction=EXTRACTION,
     identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
-    **_numbers('aberration reserved', 'i4'))
+    **_numbers('aberration used', 'i4'))
 
 STREAK = _struct(**_numbers('u_px v_px roll_rad at_u_px at_v_px'))
 SEARCH_OPTIONS = _struct(threshold_factor='f8', **_numbers(
