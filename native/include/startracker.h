@@ -484,7 +484,7 @@ typedef struct {
 
 /*
  * One frame. What it has of lists are counts: st_centroids, st_rejections, st_tracks, st_residuals,
- * st_identified_stars and st_predictions give the lists until the next call.
+ * st_identified_stars, st_searched_centroids and st_predictions give them until the next call.
  */
 typedef struct {
     st_attitude attitude; /* valid only if it can be trusted; its budget is tracking.budget */
@@ -587,7 +587,10 @@ ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_imag
 ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
 ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
 
-/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. The search
+/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. Those of a
+ * rolling shutter (delay_s) are moved to the time of the frame, by the list before where that helps;
+ * planets, Moon and Sun of the observer are no stars. The attitude is that of a sky without
+ * aberration: up to 26 arcsec off, which the tracking and st_trust_stars are not. The search
  * does most_work_s of work at most, and slice_s of it in this call (infinity: all); it is then
  * ST_SEARCHING, and st_identify_on() continues it, with the same result as in one call. A thread of
  * the caller may set *stop, not zero, to end it; null: nothing stops it. No content of a list is
@@ -602,6 +605,9 @@ ST_API st_status st_identify_on(st_tracker *tracker, double slice_s, const volat
 
 /* One for each centroid, in their order, of the last call; empty without an attitude. */
 ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
+
+/* The centroids of that list, where they were at the time of their frame. */
+ST_API const st_centroid *st_searched_centroids(const st_tracker *tracker, size_t *count);
 
 /* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
 ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
@@ -654,8 +660,6 @@ ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
 ST_API const double *st_residuals(const st_tracker *tracker, size_t *count);
 
 /* ---- whole frames ------------------------------------------------------------------------ */
-/* Define ST_PLANNED until the library has them. */
-#ifdef ST_PLANNED
 
 /*
  * One image to an attitude: extraction near the predictions of the tracking, tracking, trust, and
@@ -676,8 +680,6 @@ ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
                                       const st_centroid *centroids, size_t count,
                                       const double *exposure_s, int32_t windowed,
                                       st_result *result);
-
-#endif /* ST_PLANNED */
 
 #ifdef __cplusplus
 }
