@@ -642,6 +642,10 @@ ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
                                        const st_identified *identified, size_t count,
                                        st_tracking *tracking);
 
+/* What the tracking knows now, with the list of tracks: also of a whole frame whose identification
+ * began it anew, of which st_result has the tracks that were trusted. */
+ST_API st_status st_known(st_tracker *tracker, st_tracking *tracking);
+
 /* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
  * where there is no attitude. */
 ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);

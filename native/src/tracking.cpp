@@ -209,6 +209,18 @@ st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
     return ST_OK;
 }
 
+st_status st_known(st_tracker *tracker, st_tracking *tracking) {
+    if (tracker == nullptr || tracking == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (tracker->tracking == nullptr) {
+        return ST_NO_STAGE;
+    }
+    const Arena::Scope scope(tracker->work);
+    tracker->tracking->publish(*tracking, tracker->work);
+    return ST_OK;
+}
+
 const st_star_track *st_tracks(const st_tracker *tracker, size_t *count) {
     return tracker == nullptr || tracker->tracking == nullptr
                ? nullptr

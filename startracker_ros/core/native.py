@@ -229,6 +229,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_track': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
     'st_prepare': (_STATUS, (_POINTER,)),
     'st_add_identification': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
+    'st_known': (_STATUS, (_POINTER, _POINTER)),
     'st_tracks': (_POINTER, (_POINTER, _POINTER)),
     'st_predictions': (_POINTER, (_POINTER, _POINTER)),
     'st_trust': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),

@@ -256,6 +256,7 @@ class StarTracker:
             return None
         assert isinstance(stage.identifier, PyramidIdentifier)
         stage.body_spots = int(found['body_centroids'])
+        self.tracker.look_again()
         seen = centroids_of(self._native.listed('st_searched_centroids', native.CENTROID))
         return self._icrf(stamp_ns, stage.identifier.result_of(
             seen, found_of(found, self._native, len(seen))), seen)

@@ -187,6 +187,11 @@ class TrackFilter:
         self._kept = kept
         self._attitude: TrackedAttitude | None = None
 
+    def look_again(self) -> None:
+        """Take what is known after an identification that is part of a call for a frame."""
+        self._tracker.call('st_known', self._tracking_at)
+        self.look()
+
     @property
     def kept(self) -> np.ndarray:
         """Return the TRACKING of the last call, which stays."""
