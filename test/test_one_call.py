@@ -130,5 +130,5 @@ def test_a_frame_has_the_same_bits(monkeypatch, name):
         monkeypatch.setattr(module, 'star_tracker', compared(integrity_motion.star_tracker))
     monkeypatch.setattr(image_runs, '_pipeline', compared(image_runs._pipeline))
     frames = list(frames_of(name))
-    assert [one.compared for one in made] == [len(frames)]
+    assert len(made) == 1 and made[0].compared >= len(frames)
     assert any(frame.attitude is not None for frame in frames)
