@@ -57,7 +57,7 @@ class Attitude(AttitudeEstimate):
     @classmethod
     def of_result(cls, trusted: np.ndarray, tracked: TrackedAttitude, residual_rad: np.ndarray
            ) -> 'Attitude':
-        """Return an ATTITUDE that is trusted, which it is a view of, with the budget of tracked."""
+        """Return a trusted ATTITUDE, which it is a view of, with the budget of tracked."""
         cross = trusted['cross_covariance']
         return cls(
             quaternion=trusted['quaternion'], covariance_sensor=trusted['covariance_rad2'],

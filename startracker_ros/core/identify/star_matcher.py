@@ -211,7 +211,8 @@ def native_patterns(onboard: OnboardCatalog, rules: Rules, pairs: PairDatabase |
                     bright: BrightLevel = BrightLevel(0.0, 0, 0)
                     ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return PATTERNS of a catalogue and its pairs, and the arrays that they are of."""
-    patterns, grid, kept = np.zeros((), native.PATTERNS), onboard.grid, []
+    patterns, grid = np.zeros((), native.PATTERNS), onboard.grid
+    kept: list[np.ndarray] = []
 
     def address(array: np.ndarray, kind: type) -> int:
         kept.append(np.ascontiguousarray(array, kind))

@@ -28,8 +28,8 @@ class AttitudeStage:
 
     The attitude is that of the sensor in ICRF where motion is that of the observer; without one
     the observer is at rest. sky has the stars as that observer sees them: a new one, unless
-    that of a star tracker serves both, as tracker may. The sign of the quaternion is continuous from one
-    accepted attitude to the next.
+    that of a star tracker serves both, as tracker may. The sign of the quaternion is continuous
+    from one accepted attitude to the next.
     """
 
     def __init__(self, camera: Camera, epoch_year: float,
