@@ -34,7 +34,7 @@ void copy(const st_centroid *from, int count, List<st_centroid> &to) {
 void leave_out_bodies(const Lens &lens, const st_observer &observer,
                       const List<st_centroid> &centroids, st_identification &result,
                       List<st_identified> &identified) {
-    double faintest = -INFINITY;
+    double faintest = NAN;  // which fmax ignores
     for (const st_identified &one : identified) {
         faintest = std::fmax(faintest, one.magnitude);
     }
