@@ -85,7 +85,7 @@ st_status set_up_for(const st_config *config, const st_camera *camera, const st_
             given->bases_by_brightness != 0,
             given->lens_unknown == 0,
             config->identification.max_image_stars,
-            given->most_centroids};
+            std::max(given->most_centroids, most_centroids(*config))};
     }
     return status;
 }

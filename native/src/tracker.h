@@ -92,4 +92,20 @@ Image image_of(const st_image &image, Arena &arena);
 void publish(st_tracker &tracker, const Extraction &found, double cell,
              const ExposureLimits &exposure, bool windowed, st_extraction &extraction);
 
+// --- whole frames ---
+
+/// Whether a tracker has what whole frames need, and a frame is one that it takes.
+st_status check_whole(const st_tracker &tracker, int64_t stamp_ns, const st_centroid *centroids,
+                      size_t count, const double *exposure_s, const st_result *result);
+
+/// Begin a frame: false for one that is not newer than the one before, which is not used.
+bool begin(st_tracker &tracker, int64_t stamp_ns, st_result &result);
+
+/// Identify a frame, or go on with one before.
+void identify(st_tracker &tracker, int64_t stamp_ns, const st_centroid *centroids, size_t count,
+              st_result &result);
+
+/// Return why there is no attitude, or that it is trusted.
+st_reason reason_of_result(const st_result &result, const st_reason &trust);
+
 }  // namespace st
