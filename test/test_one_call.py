@@ -3,9 +3,12 @@
 
 """One call a frame gives what the four stages give, each with a tracker of its own as in nodes."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 from startracker_evaluation.campaign import integrity, integrity_motion
+from startracker_ros.core import native
 from startracker_ros.core.frame_result import Attitude
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.stages.attitude import AttitudeStage
@@ -16,6 +19,8 @@ from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.tools.datasheet import image_runs
 from transcripts import frames_of, NAMES
+
+STAR_TRACKER, PIPELINE = integrity_motion.star_tracker, image_runs._pipeline
 
 
 class FourStages:
@@ -114,21 +119,48 @@ def close(one, other, name=''):
     np.testing.assert_allclose(one, other, 1e-6, 1e-9, err_msg=name)
 
 
+@pytest.fixture
+def runs_of(monkeypatch):
+    """Return what makes the runs of transcripts use a kind of star tracker; list those made."""
+    def use(kind):
+        made = []
+
+        def of_kind(build):
+            def star_tracker(*arguments):
+                with monkeypatch.context() as patch:
+                    patch.setattr(f'{build.__module__}.StarTracker', kind)
+                    made.append(build.__wrapped__(*arguments))
+                return made[-1]
+            return star_tracker
+
+        for module in (integrity, integrity_motion):
+            monkeypatch.setattr(module, 'star_tracker', of_kind(STAR_TRACKER))
+        monkeypatch.setattr(image_runs, '_pipeline', of_kind(PIPELINE))
+        return made
+    return use
+
+
 @pytest.mark.parametrize('name', NAMES[::3] + ('rolling shutter 1 deg/s',))
-def test_a_frame_has_the_same_bits(monkeypatch, name):
-    made = []
-
-    def compared(build):
-        def star_tracker(*arguments):
-            with monkeypatch.context() as patch:
-                patch.setattr(f'{build.__module__}.StarTracker', Compared)
-                made.append(build.__wrapped__(*arguments))
-            return made[-1]
-        return star_tracker
-
-    for module in (integrity, integrity_motion):
-        monkeypatch.setattr(module, 'star_tracker', compared(integrity_motion.star_tracker))
-    monkeypatch.setattr(image_runs, '_pipeline', compared(image_runs._pipeline))
-    frames = list(frames_of(name))
+def test_a_frame_has_the_same_bits(runs_of, name):
+    made, frames = runs_of(Compared), list(frames_of(name))
     assert len(made) == 1 and made[0].compared >= len(frames)
     assert any(frame.attitude is not None for frame in frames)
+
+
+def test_an_identification_in_slices_is_of_the_frame_that_it_began_with(runs_of, monkeypatch):
+    name, standard = '30 false, 20 % missing', native.defaults
+    at_once = list(islice(frames_of(name), 30))
+
+    def in_slices():
+        config = standard()
+        config['identification']['slice_s'] = 3e-4
+        return config
+
+    monkeypatch.setattr(native, 'defaults', in_slices)
+    runs_of(StarTracker)
+    later = list(islice(frames_of(name), 30))
+    number, found = next((number, frame) for number, frame in enumerate(later)
+                         if frame.identification is not None)
+    assert number > 0 and found.state == at_once[0].state == 'ACQUIRING'
+    np.testing.assert_array_equal(found.identification.hip, at_once[0].identification.hip)
+    assert later[-1].attitude is not None

@@ -44,7 +44,7 @@ from startracker_ros.core.track.track_filter import set_tracking, TrackFilter
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.core.values import of_type, vector_of
 
-_NOT_DUE = STATUSES.index('not_due')
+_WITHOUT_RESULT = [STATUSES.index(name) for name in ('not_due', 'searching')]
 
 
 class StarTracker:
@@ -252,13 +252,13 @@ class StarTracker:
             windowed = bool(result['extraction']['windowed'])
             idle = stage.is_idle(stamp_ns, followed, windowed)
             return None if idle else self.identify(stamp_ns, centroids)
-        if found['status'] == _NOT_DUE:
+        if found['status'] in _WITHOUT_RESULT:
             return None
         assert isinstance(stage.identifier, PyramidIdentifier)
         stage.body_spots = int(found['body_centroids'])
         self.tracker.look_again()
         seen = centroids_of(self._native.listed('st_searched_centroids', native.CENTROID))
-        return self._icrf(stamp_ns, stage.identifier.result_of(
+        return self._icrf(int(found['attitude']['stamp_ns']), stage.identifier.result_of(
             seen, found_of(found, self._native, len(seen))), seen)
 
 
