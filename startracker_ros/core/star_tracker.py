@@ -97,7 +97,7 @@ class StarTracker:
         # Other methods identify in Python.
         if type(identifier) is PyramidIdentifier:
             config['stages'] |= IDENTIFIES
-            patterns = identifier.patterns()
+            patterns = identifier.native_patterns()
             for name, value in identifier.native_options.items():
                 config['identification'][name] = value
         config['identification']['check_period_s'] = options.check.check_period_s

@@ -74,7 +74,7 @@ class PyramidIdentifier(Identifier):
     def _rules(self) -> Rules:
         return Rules(self.scale_error, lens_known=self.lens_known)
 
-    def patterns(self) -> tuple[np.ndarray, list[np.ndarray]]:
+    def native_patterns(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return PATTERNS for a tracker that identifies as this does, and their arrays."""
         return native_patterns(
             self.onboard, self._rules, self.pairs, self.bright_pairs, self._bright)
