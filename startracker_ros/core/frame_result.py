@@ -121,7 +121,7 @@ class Attitude(AttitudeEstimate):
 @dataclass(frozen=True)
 class FrameResult:
     """
-    The result of one frame.
+    The result of one frame. Its arrays are its own: later frames do not change them.
 
     centroids are those found or given; identification is None where the frame needed none; tracks
     are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude

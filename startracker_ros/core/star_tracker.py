@@ -192,7 +192,7 @@ class StarTracker:
         return self.identification.is_idle(stamp_ns, self.tracker.follows, windowed)
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
-        """Identify a frame for the tracker, by a method that the library does not have."""
+        """Identify a frame for the tracker, whether it is due or not, apart from process()."""
         identification, centroids = self.identification.identify(stamp_ns, centroids)
         self.tracker.identified(stamp_ns, centroids, identification.hip)
         return self._icrf(stamp_ns, identification, centroids)
