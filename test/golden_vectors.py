@@ -36,7 +36,7 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
-from startracker_ros.core.centroid.image_tracker import aligned
+from startracker_ros.core.native import aligned
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.cache import STARS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions

@@ -108,7 +108,8 @@ def test_an_identification_that_begins_anew_leaves_the_attitude_of_its_frame(fra
                 self.tracker.reset()
             return found
 
-    tracker = Contradicted(CAMERA, 2026.5, aberration='none', check_period_s=0.1)
+    tracker = Contradicted(CAMERA, 2026.5, aberration='none', check_period_s=0.1,
+                           star_identifier={'method': 'quad'})
     results = [tracker.process(START_NS + index * STEP_NS, frame.image)
                for index, frame in enumerate(frames)]
     published = [result for result in results if result.attitude is not None]

@@ -46,7 +46,7 @@ extern "C" {
 #endif
 
 /* Raised with every change of a struct, an enumeration or a function. */
-#define ST_VERSION 2
+#define ST_VERSION 3
 
 #define ST_REASON_FIGURES 9
 #define ST_MOST_BODIES 16
@@ -194,6 +194,7 @@ typedef struct {
     double tolerance_sigmas, sigma_floor_px, fov_error_percent, false_alarm_max;
     double most_work_s;    /* of a search: expected time on one core of 3 GHz, no clock is read */
     double check_period_s; /* between checks of the tracks; 0: never */
+    double slice_s;        /* of most_work_s, in one st_process_image; 0: all of it */
     int32_t max_image_stars;
     int32_t reserved;
 } st_identification_options;
@@ -238,8 +239,9 @@ typedef struct {
     int32_t min_stars;
 } st_trust_options;
 
-/* Which stages a tracker has memory for. st_process_image and st_process_centroids need all
- * that follow the first; nodes in separate processes need one each. */
+/* Which stages a tracker has memory for. st_process_image needs all, st_process_centroids all but
+ * the first; nodes in separate processes need one each. Without ST_IDENTIFIES frames are identified
+ * by the caller, who gives the stars to st_add_identification. */
 enum { ST_EXTRACTS = 1, ST_IDENTIFIES = 2, ST_TRACKS = 4, ST_TRUSTS = 8, ST_ALL_STAGES = 15 };
 
 /* Elements of the lists; 0 in st_config: derived from the image size and the options. */
@@ -480,15 +482,19 @@ typedef struct {
     st_reason reason;
 } st_trusted; /* of st_trust and st_trust_stars */
 
+/*
+ * One frame. What it has of lists are counts: st_centroids, st_rejections, st_tracks, st_residuals,
+ * st_identified_stars, st_searched_centroids and st_predictions give them until the next call.
+ */
 typedef struct {
     st_attitude attitude; /* valid only if it can be trusted; its budget is tracking.budget */
     st_reason reason;     /* ST_REASON_TRUSTED, or why attitude is not valid */
     st_extraction extraction;
-    st_identification identification;
-    st_tracking tracking;
+    st_identification identification; /* of the frame at attitude.stamp_ns */
+    st_tracking tracking; /* of the frame; state, reason, counts after its identification */
     int64_t stamp_ns;
     int32_t aberration; /* st_aberration: what the attitude is corrected for */
-    int32_t reserved;
+    int32_t used;       /* 0: the stamp is not newer than that of the frame before */
 } st_result;
 
 #define ST_ABI              \
@@ -581,7 +587,10 @@ ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_imag
 ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
 ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
 
-/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. The search
+/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. Those of a
+ * rolling shutter (delay_s) are moved to the time of the frame, by the list before where that helps;
+ * planets, Moon and Sun of the observer are no stars. The attitude is that of a sky without
+ * aberration: up to 26 arcsec off, which the tracking and st_trust_stars are not. The search
  * does most_work_s of work at most, and slice_s of it in this call (infinity: all); it is then
  * ST_SEARCHING, and st_identify_on() continues it, with the same result as in one call. A thread of
  * the caller may set *stop, not zero, to end it; null: nothing stops it. No content of a list is
@@ -596,6 +605,9 @@ ST_API st_status st_identify_on(st_tracker *tracker, double slice_s, const volat
 
 /* One for each centroid, in their order, of the last call; empty without an attitude. */
 ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
+
+/* The centroids of that list, where they were at the time of their frame. */
+ST_API const st_centroid *st_searched_centroids(const st_tracker *tracker, size_t *count);
 
 /* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
 ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
@@ -630,6 +642,10 @@ ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
                                        const st_identified *identified, size_t count,
                                        st_tracking *tracking);
 
+/* What the tracking knows now, with the list of tracks: also of a whole frame whose identification
+ * began it anew, of which st_result has the tracks that were trusted. */
+ST_API st_status st_known(st_tracker *tracker, st_tracking *tracking);
+
 /* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
  * where there is no attitude. */
 ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
@@ -647,11 +663,18 @@ ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
  * order in which they were given; the list of the last call, as st_centroids. */
 ST_API const double *st_residuals(const st_tracker *tracker, size_t *count);
 
-/* ---- PLANNED: not in the library yet. What is not implemented cannot be called. ----------- */
-#ifdef ST_PLANNED
+/* ---- whole frames ------------------------------------------------------------------------ */
 
-/* A whole frame: extraction, tracking, identification where due, trust. A stamp that is older
- * than the one before by more than 1 s restarts the tracker; else it is not used. */
+/*
+ * One image to an attitude: extraction near the predictions of the tracking, tracking, trust, and
+ * identification where st_identification_is_due says so. An identification does slice_s of work in
+ * a call. Where it takes several, the frames between are tracked as far as they can be, and its
+ * stars are those of the frame that it began with.
+ *
+ * ST_OK also where there is no attitude: the reason of the result says why. A stamp that is older
+ * than the one before by more than 1 s restarts the tracker, as st_reset; a frame that is not newer
+ * is not used, and counted in late_frames. Rates and the observer are given before the frame.
+ */
 ST_API st_status st_process_image(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
                                   st_result *result);
 
@@ -661,8 +684,6 @@ ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
                                       const st_centroid *centroids, size_t count,
                                       const double *exposure_s, int32_t windowed,
                                       st_result *result);
-
-#endif /* ST_PLANNED */
 
 #ifdef __cplusplus
 }

@@ -91,12 +91,13 @@ typedef struct {
     int32_t reserved;
 } st_patterns;
 
-/* As st_size() and st_create(), for a tracker of the stage ST_IDENTIFIES alone. */
-ST_API st_status st_size_for(const st_config *config, const st_camera *camera,
+/* As st_size() and st_create(), for a tracker that identifies stars by these patterns. sky is for its
+ * other stages, null where it has none: a file with stars alone, no patterns, is enough. */
+ST_API st_status st_size_for(const st_config *config, const st_camera *camera, const st_sky *sky,
                              const st_patterns *patterns, size_t *bytes);
 ST_API st_status st_create_for(void *memory, size_t bytes, const st_config *config,
-                               const st_camera *camera, const st_patterns *patterns,
-                               st_tracker **tracker, st_fault *fault);
+                               const st_camera *camera, const st_sky *sky,
+                               const st_patterns *patterns, st_tracker **tracker, st_fault *fault);
 
 /* Unit vectors (count, 3) of image stars, brightest first, with errors per axis in rad; count is
  * max_image_stars at most. */

@@ -57,14 +57,10 @@ private:
     }
 };
 
+/// As check_image(), of an image whose pixels are those of the camera.
 st_status check(const st_tracker *tracker, const st_image *image) {
-    if (tracker == nullptr || image == nullptr || image->pixels == nullptr) {
-        return ST_NULL_POINTER;
-    }
-    if (!has_stage(*tracker, ST_EXTRACTS)) {
-        return ST_NO_STAGE;
-    }
-    return image->cell == 1 && is_of_camera(*tracker, *image) ? ST_OK : ST_BAD_IMAGE;
+    const st_status status = check_image(tracker, 0, image);
+    return status == ST_OK && image->cell != 1 ? ST_BAD_IMAGE : status;
 }
 
 bool is_finite(const st_streak &streak) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "attitude/results.h"
 #include "startracker_ground.h"
 #include "tracker.h"
 
@@ -42,15 +43,7 @@ Pairs pairs_of(const st_pairs &pairs) {
     return made;
 }
 
-st_status check(const st_config *config, const st_camera *camera, const st_patterns *patterns,
-                st_fault *fault) {
-    if (config == nullptr || patterns == nullptr) {
-        return ST_NULL_POINTER;
-    }
-    const st_status status = check_tracker(config, camera, fault);
-    if (status != ST_OK) {
-        return status;
-    }
+st_status check(const st_patterns *patterns) {
     if (patterns->hip == nullptr || patterns->direction == nullptr ||
         patterns->magnitude == nullptr || patterns->blended == nullptr ||
         patterns->start == nullptr || patterns->member == nullptr ||
@@ -64,20 +57,37 @@ st_status check(const st_config *config, const st_camera *camera, const st_patte
     if (!possible) {
         return ST_BAD_INPUT;
     }
-    return config->stages == ST_IDENTIFIES ? ST_OK : ST_NO_STAGE;
+    return ST_OK;
 }
 
-Setup setup_for(const st_config &config, const st_patterns &given) {
-    const Cells cells{given.cells, given.start, given.member};
-    return {{},
-            {{given.stars, given.hip, vectors(given.direction), given.magnitude, given.blended,
-              cells, pairs_of(given.bright), pairs_of(given.pairs)},
-             {given.bright_image_stars, given.bright_triangles},
-             given.scale_error,
-             given.bases_by_brightness != 0,
-             given.lens_unknown == 0,
-             config.identification.max_image_stars,
-             given.most_centroids}};
+/// Set what a tracker takes from a sky file, and from patterns instead of those of the file.
+st_status set_up_for(const st_config *config, const st_camera *camera, const st_sky *sky,
+                     const st_patterns *given, Setup &setup, st_fault *fault) {
+    if (config == nullptr || given == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    st_status status = check_tracker(config, camera, fault);
+    if (status == ST_OK) {
+        status = has(*config, ST_IDENTIFIES) ? check(given) : ST_NO_STAGE;
+    }
+    st_config others = *config;
+    others.stages &= ~ST_IDENTIFIES;
+    if (status == ST_OK) {
+        status = set_up(others, *camera, sky, setup, fault);
+    }
+    if (status == ST_OK) {
+        const Cells cells{given->cells, given->start, given->member};
+        setup.identification = {
+            {given->stars, given->hip, vectors(given->direction), given->magnitude, given->blended,
+             cells, pairs_of(given->bright), pairs_of(given->pairs)},
+            {given->bright_image_stars, given->bright_triangles},
+            given->scale_error,
+            given->bases_by_brightness != 0,
+            given->lens_unknown == 0,
+            config->identification.max_image_stars,
+            std::max(given->most_centroids, most_centroids(*config))};
+    }
+    return status;
 }
 
 st_status check(const st_tracker *tracker, const st_image_stars *stars) {
@@ -117,31 +127,29 @@ ImageStars stars_of(const st_image_stars &given, st_tracker &tracker) {
 
 extern "C" {
 
-st_status st_size_for(const st_config *config, const st_camera *camera,
+st_status st_size_for(const st_config *config, const st_camera *camera, const st_sky *sky,
                       const st_patterns *patterns, size_t *bytes) {
     if (bytes == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check(config, camera, patterns, nullptr);
+    Setup setup;
+    const st_status status = set_up_for(config, camera, sky, patterns, setup, nullptr);
     if (status == ST_OK) {
-        const Setup setup = setup_for(*config, *patterns);
         *bytes = tracker_bytes(*config, *camera, setup);
     }
     return status;
 }
 
 st_status st_create_for(void *memory, size_t bytes, const st_config *config,
-                        const st_camera *camera, const st_patterns *patterns, st_tracker **tracker,
-                        st_fault *fault) {
+                        const st_camera *camera, const st_sky *sky, const st_patterns *patterns,
+                        st_tracker **tracker, st_fault *fault) {
     if (memory == nullptr || tracker == nullptr) {
         return ST_NULL_POINTER;
     }
-    const st_status status = check(config, camera, patterns, fault);
-    if (status != ST_OK) {
-        return status;
-    }
-    const Setup setup = setup_for(*config, *patterns);
-    return make_tracker(memory, bytes, *config, *camera, setup, tracker);
+    Setup setup;
+    const st_status status = set_up_for(config, camera, sky, patterns, setup, fault);
+    return status == ST_OK ? make_tracker(memory, bytes, *config, *camera, setup, tracker)
+                           : status;
 }
 
 st_status st_usable_stars(const st_camera *camera, const st_centroid *centroids,
@@ -217,7 +225,9 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
     Verification result = st::verification(image.count, tracker->work);
     verify(verifier, image, base, pattern, static_cast<int>(based), tested, result, tracker->work);
     const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
-    *verification = {no_attitude(), result.found.focal_ratio, result.false_alarm};
+    set_unknown(verification->attitude);
+    verification->focal_ratio = result.found.focal_ratio;
+    verification->false_alarm_probability = result.false_alarm;
     for (int i = 0; i < image.count; ++i) {
         star[i] = result.found.star[i];
         residual_px[i] = result.found.residual[i] * pixels;

@@ -91,6 +91,7 @@ constexpr Option OPTIONS[] = {
     NUMBER(identification.false_alarm_max, 1e-5, 1e-30, 0.1),
     NUMBER(identification.most_work_s, 1.0, 0.001, 600.0),
     NUMBER(identification.check_period_s, 10.0, 0.0, 3600.0),
+    NUMBER(identification.slice_s, 0.0, 0.0, 600.0),
     WHOLE(identification.max_image_stars, 400, 4, 500),
     NUMBER(tracking.magnitude_limit, 11.0, 0.0, 11.0),
     NUMBER(tracking.acceleration_deg_s2, 0.005, 1e-6, 100.0),

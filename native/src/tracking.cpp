@@ -65,22 +65,25 @@ bool is_observer(const st_observer &observer) {
     return true;
 }
 
-/// Whether a tracker has a stage and a frame is one that it takes.
-st_status check_frame(const st_tracker *tracker, bool has_stage, int64_t stamp_ns,
-                      const st_centroid *centroids, size_t count) {
+}  // namespace
+
+namespace st {
+
+st_status check_frame(const st_tracker &tracker, int32_t stage, int64_t stamp_ns,
+                      const st_centroid *centroids, size_t count, const double *exposure_s) {
     if (centroids == nullptr && count > 0) {
         return ST_NULL_POINTER;
     }
-    if (!has_stage) {
+    if (!has_stage(tracker, stage)) {
         return ST_NO_STAGE;
     }
-    if (count > static_cast<size_t>(most_centroids(tracker->config))) {
+    if (count > static_cast<size_t>(most_centroids(tracker.config))) {
         return ST_TOO_MANY;
     }
-    return stamp_ns < 0 ? ST_BAD_INPUT : ST_OK;
+    return stamp_ns < 0 || !is_exposure(exposure_s) ? ST_BAD_INPUT : ST_OK;
 }
 
-}  // namespace
+}  // namespace st
 
 extern "C" {
 
@@ -162,12 +165,9 @@ st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *cen
         return ST_NULL_POINTER;
     }
     const st_status status =
-        check_frame(tracker, tracker->tracking != nullptr, stamp_ns, centroids, count);
+        check_frame(*tracker, ST_TRACKS, stamp_ns, centroids, count, exposure_s);
     if (status != ST_OK) {
         return status;
-    }
-    if (!is_exposure(exposure_s)) {
-        return ST_BAD_INPUT;
     }
     const double any_s[2] = {0.0, INFINITY};
     const Arena::Scope scope(tracker->work);
@@ -196,8 +196,7 @@ st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
     if (tracker == nullptr || tracking == nullptr || (identified == nullptr && count > 0)) {
         return ST_NULL_POINTER;
     }
-    const st_status status =
-        check_frame(tracker, tracker->tracking != nullptr, stamp_ns, centroids, count);
+    const st_status status = check_frame(*tracker, ST_TRACKS, stamp_ns, centroids, count, nullptr);
     if (status != ST_OK) {
         return status;
     }
@@ -206,6 +205,18 @@ st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
     const Arena::Scope scope(tracker->work);
     tracker->tracking->filter.identified(stamp_ns, centroids, identified, static_cast<int>(count),
                                          tracker->work);
+    tracker->tracking->publish(*tracking, tracker->work);
+    return ST_OK;
+}
+
+st_status st_known(st_tracker *tracker, st_tracking *tracking) {
+    if (tracker == nullptr || tracking == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (tracker->tracking == nullptr) {
+        return ST_NO_STAGE;
+    }
+    const Arena::Scope scope(tracker->work);
     tracker->tracking->publish(*tracking, tracker->work);
     return ST_OK;
 }
@@ -231,7 +242,7 @@ st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *t
     if (tracker->trust == nullptr) {
         return ST_NO_STAGE;
     }
-    if (count > static_cast<size_t>(most_centroids(tracker->config))) {
+    if (count > static_cast<size_t>(most_trusted(tracker->config))) {
         return ST_TOO_MANY;
     }
     if (stamp_ns < 0) {
@@ -254,8 +265,7 @@ st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns, const st_centroi
     if (tracker == nullptr || trusted == nullptr || (identified == nullptr && count > 0)) {
         return ST_NULL_POINTER;
     }
-    const st_status status =
-        check_frame(tracker, tracker->trust != nullptr, stamp_ns, centroids, count);
+    const st_status status = check_frame(*tracker, ST_TRUSTS, stamp_ns, centroids, count, nullptr);
     if (status != ST_OK) {
         return status;
     }

@@ -3,8 +3,8 @@
 
 /*
  * fuzz_tracks CORPUS ROUNDS SEED: lists of stars and of anything else, possible and not, to trackers
- * that track and trust, with any options, in memory without a byte to spare. Exit status 1 where a
- * result is impossible. A round that fails is repeated by its number as SEED with one round.
+ * that track, trust and perhaps identify, with any options, in memory without a byte to spare. Exit
+ * status 1 where a result is impossible, or one of a whole frame has other bits than the stages. A round that fails is repeated by its number as SEED with one round.
  */
 
 #include <inttypes.h>
@@ -21,6 +21,7 @@ enum { MOST = 120, FRAMES = 14 };
 
 static const st_sky *sky;
 static const int32_t *hip_of; /* catalogue number of each star of the sky file */
+static double sky_pixel_rad;
 
 static int one_of(int count) {
     return (int)(random_bits() % (uint64_t)count);
@@ -31,16 +32,16 @@ static double rarely(double value) {
     return one_of(400) ? value : odd[one_of(8)];
 }
 
-/* The catalogue numbers in a sky file that st_check_sky has accepted. */
-static const int32_t *numbers_of(const uint8_t *file) {
+/* A section of a sky file that st_check_sky has accepted. */
+static const void *section(const uint8_t *file, const char *name) {
     uint32_t sections;
     memcpy(&sections, file + 28, sizeof sections);
     for (uint32_t n = 0; n < sections; ++n) {
         const uint8_t *row = file + 64 + 64 * n;
-        if (strncmp((const char *)row, "hip", 24) == 0) {
+        if (strncmp((const char *)row, name, 24) == 0) {
             uint64_t offset;
             memcpy(&offset, row + 32, sizeof offset);
-            return (const int32_t *)(const void *)(file + offset);
+            return file + offset;
         }
     }
     exit(2);
@@ -50,7 +51,10 @@ static st_config any_config(void) {
     static const st_abi ABI = ST_ABI;
     st_config config;
     st_defaults(&config, &ABI);
-    config.stages = ST_TRACKS | ST_TRUSTS;
+    config.stages = ST_TRACKS | ST_TRUSTS | (one_of(3) ? 0 : ST_IDENTIFIES);
+    config.identification.slice_s = one_of(2) ? 0 : within(1e-9, 1e-3);
+    config.identification.most_work_s = within(1e-3, 1e-2);
+    config.identification.check_period_s = within(0, 1);
     config.capacities.centroids = one_of(3) ? MOST : 1 + one_of(MOST);
     config.capacities.tracks = one_of(2) ? 0 : 1 + one_of(40);
     config.capacities.frames = one_of(2) ? 0 : 1 + one_of(6);
@@ -79,14 +83,14 @@ static st_config any_config(void) {
     return config;
 }
 
-static st_camera any_camera(void) {
-    const double focal_px = within(100, 1500);
+static st_camera any_camera(int identifies) {
+    const double focal_px = identifies ? within(0.82, 1.22) / sky_pixel_rad : within(100, 1500);
     st_camera camera = {512, 384, focal_px, focal_px, 255.5, 191.5, {0}, ST_PLUMB_BOB, 0};
     st_fault fault;
     if (one_of(3) == 0) {
         camera.model = ST_EQUIDISTANT;
     }
-    return st_check_camera(&camera, &fault) == ST_OK ? camera : any_camera();
+    return st_check_camera(&camera, &fault) == ST_OK ? camera : any_camera(identifies);
 }
 
 static void any_rotation(double q[4]) {
@@ -200,7 +204,7 @@ static int try_tracker(uint64_t round) {
     static st_identified identified[MOST];
     state = round;
     const st_config config = any_config();
-    const st_camera camera = any_camera();
+    const st_camera camera = any_camera(config.stages & ST_IDENTIFIES);
     st_fault fault = {NULL, 0, 0, 0};
     st_tracker *tracker = NULL;
     size_t bytes = 0, count, tracks = 0;
@@ -209,6 +213,11 @@ static int try_tracker(uint64_t round) {
     EXPECT(st_size(&config, &camera, sky, &bytes) == ST_OK);
     void *memory = aligned_alloc(64, bytes);
     EXPECT(st_create(memory, bytes, &config, &camera, sky, &tracker, &fault) == ST_OK);
+    /* Another one, of the same input, for whole frames. */
+    st_tracker *whole = NULL;
+    void *other = aligned_alloc(64, bytes);
+    EXPECT(st_create(other, bytes, &config, &camera, sky, &whole, &fault) == ST_OK);
+    const int compares = !(config.stages & ST_IDENTIFIES);
     double q[4], turned[4];
     any_rotation(q);
     const double noise_px = within(0.01, 0.4), jump = one_of(2) ? 0 : 0.1;
@@ -218,6 +227,7 @@ static int try_tracker(uint64_t round) {
     for (frame = 0; frame < FRAMES && !wrong; ++frame) {
         st_tracking tracking;
         st_trusted trusted;
+        st_result result;
         stt_turned(q, turn, turned);
         memcpy(q, turned, sizeof q);
         if (within(0, 1) < jump) {
@@ -227,9 +237,12 @@ static int try_tracker(uint64_t round) {
         const double rate[3] = {rarely(10 * turn[0]), rarely(10 * turn[1]), rarely(10 * turn[2])};
         st_add_rate(tracker, stamp_ns - 50000000, rate);
         st_add_rate(tracker, stamp_ns, rate);
+        st_add_rate(whole, stamp_ns - 50000000, rate);
+        st_add_rate(whole, stamp_ns, rate);
         if (one_of(6) == 0) {
             const st_observer observer = any_observer();
             st_add_observer(tracker, stamp_ns, &observer);
+            st_add_observer(whole, stamp_ns, &observer);
         }
         if (one_of(8) == 0) {
             st_hint hint;
@@ -242,11 +255,19 @@ static int try_tracker(uint64_t round) {
                 hint.rate_covariance[i][i] = rarely(1e-6);
             }
             st_add_hint(tracker, &hint);
+            st_add_hint(whole, &hint);
         }
         count = see(&camera, q, noise_px, centroids, identified);
         const double exposure_s[2] = {0, rarely(0.1)};
-        st_status status = st_track(tracker, stamp_ns, centroids, count,
-                                    one_of(2) ? exposure_s : NULL, &tracking);
+        const double *exposed_s = one_of(2) ? exposure_s : NULL;
+        const st_status done =
+            st_process_centroids(whole, stamp_ns, centroids, count, exposed_s, one_of(2), &result);
+        st_status status = st_track(tracker, stamp_ns, centroids, count, exposed_s, &tracking);
+        EXPECT(done == (status == ST_NOT_NEWER ? ST_OK : status));
+        if (done == ST_OK) {
+            EXPECT(!is_impossible(&result.attitude) && result.used == (status == ST_OK));
+            EXPECT(!is_impossible(&result.identification.attitude));
+        }
         if (status != ST_OK && status != ST_NOT_NEWER) {
             EXPECT(status == ST_BAD_INPUT || status == ST_TOO_MANY);
             continue;
@@ -254,6 +275,12 @@ static int try_tracker(uint64_t round) {
         EXPECT(!is_impossible(&tracking.attitude));
         EXPECT(!is_impossible(&tracking.frame_attitude));
         const st_star_track *list = st_tracks(tracker, &tracks);
+        if (compares && result.used) {
+            EXPECT(memcmp(&result.tracking.attitude, &tracking.attitude, sizeof(st_attitude)) ==
+                   0);
+            st_trust(tracker, stamp_ns, list, tracks, &tracking.attitude, &trusted);
+            EXPECT(memcmp(&result.attitude, &trusted.attitude, sizeof(st_attitude)) == 0);
+        }
         EXPECT(tracks <= 500 && (int32_t)tracks == tracking.tracks);
         status = st_trust(tracker, stamp_ns < 0 ? 0 : stamp_ns, list, tracks,
                           one_of(3) ? &tracking.attitude : NULL, &trusted);
@@ -266,6 +293,11 @@ static int try_tracker(uint64_t round) {
             status =
                 st_add_identification(tracker, stamp_ns, centroids, identified, count, &tracking);
             EXPECT(status != ST_OK || !is_impossible(&tracking.attitude));
+            if (compares) {
+                st_tracking known;
+                EXPECT(st_add_identification(whole, stamp_ns, centroids, identified, count,
+                                             &known) == status);
+            }
             status = st_trust_stars(tracker, stamp_ns, centroids, identified, count, &trusted);
             EXPECT(status != ST_OK || !is_impossible(&trusted.attitude));
         }
@@ -274,8 +306,10 @@ static int try_tracker(uint64_t round) {
         }
         if (one_of(40) == 0) {
             st_reset(tracker);
+            st_reset(whole);
         }
     }
+    free(other);
     free(memory);
     return wrong;
 }
@@ -297,7 +331,8 @@ int main(int count, char **arguments) {
         return 2;
     }
     sky = &opened;
-    hip_of = numbers_of(file);
+    hip_of = section(file, "hip");
+    sky_pixel_rad = *(const double *)section(file, "pixel_rad");
     const uint64_t rounds = strtoull(arguments[2], NULL, 10),
                    seed = strtoull(arguments[3], NULL, 10);
     int failures = 0;

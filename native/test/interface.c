@@ -412,11 +412,78 @@ static void tracking(void) {
     free((void *)(uintptr_t)sky.file);
 }
 
+/* Whole frames, of a tracker whose frames the caller identifies. */
+static void frames(void) {
+    const st_camera camera = {64, 48, 900, 900, 31.5, 23.5, {0}, ST_PLUMB_BOB, 0};
+    const double odd_s[2] = {0.2, 0.1};
+    static uint16_t pixels[64 * 48];
+    st_image image = {pixels, 128, 64, 48, ST_GREY16, 1, 0};
+    st_centroid star;
+    st_result result, before;
+    st_config config;
+    st_sky sky;
+    st_tracker *tracker = NULL;
+    size_t bytes = 0, count = 7;
+    memset(&star, 0, sizeof star);
+    memset(&result, 0x5a, sizeof result);
+    star.sigma_px = 0.1;
+    star.cov_uu_px2 = star.cov_vv_px2 = 0.01;
+    sky.file = one_star(&sky.bytes);
+    st_defaults(&config, &ABI);
+    config.stages = ST_EXTRACTS | ST_TRACKS | ST_TRUSTS;
+    config.capacities.centroids = 3;
+    CHECK(st_size(&config, &camera, &sky, &bytes) == ST_OK);
+    void *block = aligned_alloc(64, bytes);
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, NULL) == ST_OK);
+    before = result;
+    CHECK(st_process_image(NULL, 1, &image, &result) == ST_NULL_POINTER);
+    CHECK(st_process_image(tracker, 1, NULL, &result) == ST_NULL_POINTER);
+    CHECK(st_process_image(tracker, 1, &image, NULL) == ST_NULL_POINTER);
+    CHECK(st_process_image(tracker, -1, &image, &result) == ST_BAD_INPUT);
+    image.width_px = 63;
+    CHECK(st_process_image(tracker, 1, &image, &result) == ST_BAD_IMAGE);
+    image.width_px = 64;
+    CHECK(st_process_centroids(NULL, 1, &star, 1, NULL, 0, &result) == ST_NULL_POINTER);
+    CHECK(st_process_centroids(tracker, 1, NULL, 1, NULL, 0, &result) == ST_NULL_POINTER);
+    CHECK(st_process_centroids(tracker, 1, &star, 1, NULL, 0, NULL) == ST_NULL_POINTER);
+    CHECK(st_process_centroids(tracker, -1, &star, 1, NULL, 0, &result) == ST_BAD_INPUT);
+    CHECK(st_process_centroids(tracker, 1, &star, 1, odd_s, 0, &result) == ST_BAD_INPUT);
+    CHECK(st_process_centroids(tracker, 1, &star, 4, NULL, 0, &result) == ST_TOO_MANY);
+    CHECK(memcmp(&before, &result, sizeof result) == 0);
+    CHECK(st_process_image(tracker, 5000000000, &image, &result) == ST_OK && result.used);
+    CHECK(result.stamp_ns == 5000000000 && result.reason.code == ST_REASON_BLANK);
+    CHECK(!result.attitude.valid && isnan(result.attitude.quaternion[0]));
+    CHECK(result.identification.status == ST_NOT_DUE && !result.tracking.attitude.valid);
+    CHECK(st_process_centroids(tracker, 5000000001, &star, 1, NULL, 1, &result) == ST_OK);
+    CHECK(result.used && result.extraction.centroids == 1 && result.extraction.windowed == 1);
+    CHECK(result.reason.code == ST_REASON_WAITING && isnan(result.extraction.noise_dn));
+    CHECK(st_process_centroids(tracker, 5000000001, &star, 1, NULL, 0, &result) == ST_OK);
+    CHECK(!result.used && result.tracking.late_frames == 1);
+    CHECK(result.reason.code == ST_REASON_NOT_NEWER && result.reason.figure[0] == 0);
+    CHECK(st_process_image(tracker, 4500000000, &image, &result) == ST_OK && !result.used);
+    CHECK(result.reason.figure[0] == 500000001 && result.tracking.late_frames == 2);
+    CHECK(st_process_centroids(tracker, 7, &star, 1, NULL, 0, &result) == ST_OK && result.used);
+    CHECK(st_process_centroids(tracker, 0, &star, 1, NULL, 0, &result) == ST_OK && !result.used);
+    CHECK(result.reason.code == ST_REASON_NOT_STAMPED);
+    CHECK(st_known(NULL, &result.tracking) == ST_NULL_POINTER);
+    CHECK(st_known(tracker, &result.tracking) == ST_OK && result.tracking.late_frames == 3);
+    CHECK(st_searched_centroids(tracker, &count) == NULL && count == 0);
+    config.stages = ST_EXTRACTS | ST_TRACKS;
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, NULL) == ST_OK);
+    CHECK(st_process_image(tracker, 1, &image, &result) == ST_NO_STAGE);
+    config.stages = ST_TRACKS | ST_TRUSTS;
+    CHECK(st_create(block, bytes, &config, &camera, &sky, &tracker, NULL) == ST_OK);
+    CHECK(st_process_image(tracker, 1, &image, &result) == ST_NO_STAGE);
+    CHECK(st_process_centroids(tracker, 1, &star, 1, NULL, 0, &result) == ST_OK);
+    free(block);
+    free((void *)(uintptr_t)sky.file);
+}
+
 static void texts(void) {
     for (int status = 0; status <= ST_STATUS_COUNT; ++status) {
         CHECK(strlen(st_status_text((st_status)status)) > 1);
     }
-    CHECK(strstr(st_build_text(), "interface 2") != NULL);
+    CHECK(strstr(st_build_text(), "interface 3") != NULL);
 }
 
 int main(void) {
@@ -426,6 +493,7 @@ int main(void) {
     lists();
     trackers();
     tracking();
+    frames();
     texts();
     printf("interface: %d failures\n", failures);
     return failures != 0;

@@ -54,6 +54,22 @@ class Attitude(AttitudeEstimate):
             acceleration_rad_s2=acceleration.sigma, shown_rad_s2=acceleration.mean,
             jerk_rad_s3=acceleration.jerk, before_rad_s2=acceleration.before, **known)
 
+    @classmethod
+    def of_result(cls, trusted: np.ndarray, tracked: TrackedAttitude, residual_rad: np.ndarray
+           ) -> 'Attitude':
+        """Return a trusted ATTITUDE, which it is a view of, with the budget of tracked."""
+        cross = trusted['cross_covariance']
+        return cls(
+            quaternion=trusted['quaternion'], covariance_sensor=trusted['covariance_rad2'],
+            stars=int(trusted['stars']), residual_rad=residual_rad, chi2=float(trusted['chi2']),
+            budget=tracked.attitude.budget, stamp_ns=int(trusted['stamp_ns']),
+            rate_rad_s=trusted['rate_rad_s'], rate_covariance=trusted['rate_covariance'],
+            acceleration_rad_s2=trusted['acceleration_sigma_rad_s2'],
+            shown_rad_s2=trusted['acceleration_rad_s2'], jerk_rad_s3=trusted['jerk_rad_s3'],
+            before_rad_s2=trusted['acceleration_sigma_before_rad_s2'],
+            cross_covariance=None if np.isnan(cross[0, 0]) else cross,
+            protection_rad=trusted['protection_rad'])
+
     def sub_frames(self, count: int, interval_ns: int) -> list['Attitude']:
         """Return at() of so many times, evenly over a frame interval about stamp_ns."""
         return [self.at(self.stamp_ns + round(((k + 0.5) / count - 0.5) * interval_ns))
@@ -105,7 +121,7 @@ class Attitude(AttitudeEstimate):
 @dataclass(frozen=True)
 class FrameResult:
     """
-    The result of one frame.
+    The result of one frame. Its arrays are its own: later frames do not change them.
 
     centroids are those found or given; identification is None where the frame needed none; tracks
     are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude

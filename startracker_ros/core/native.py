@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 
 LIBRARY = Path(__file__).with_name('libstartracker.so')
-VERSION = 2
+VERSION = 3
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
 _LIMITS = 6  # ST_MOST_LIMITS
+
+_ALIGNMENT = 64
 
 REMEDY = 'install the package again; in a checkout, python native/build.py'
 
@@ -69,7 +71,7 @@ EXTRACTION_OPTIONS = _struct(
     **_numbers('threshold method max_stars max_stars_lost readout_up reserved', 'i4'))
 IDENTIFICATION_OPTIONS = _struct(
     **_numbers('tolerance_sigmas sigma_floor_px fov_error_percent false_alarm_max most_work_s '
-               'check_period_s'), **_numbers('max_image_stars reserved', 'i4'))
+               'check_period_s slice_s'), **_numbers('max_image_stars reserved', 'i4'))
 TRACKING_OPTIONS = _struct(
     **_numbers('magnitude_limit acceleration_deg_s2 roll_acceleration_deg_s2 sigma_floor_px '
                'detection_probability gate_probability magnitude_tolerance max_residual_px '
@@ -127,7 +129,7 @@ TRUSTED = _struct(attitude=ATTITUDE, reason=REASON)
 RESULT = _struct(
     attitude=ATTITUDE, reason=REASON, extraction=EXTRACTION,
     identification=IDENTIFICATION, tracking=TRACKING, stamp_ns='i8',
-    **_numbers('aberration reserved', 'i4'))
+    **_numbers('aberration used', 'i4'))
 
 STREAK = _struct(**_numbers('u_px v_px roll_rad at_u_px at_v_px'))
 SEARCH_OPTIONS = _struct(threshold_factor='f8', **_numbers(
@@ -211,8 +213,9 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_identify': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _NUMBER, _POINTER, _POINTER)),
     'st_identify_on': (_STATUS, (_POINTER, _NUMBER, _POINTER, _POINTER)),
     'st_identified_stars': (_POINTER, (_POINTER, _POINTER)),
-    'st_size_for': (_STATUS, (_POINTER,) * 4),
-    'st_create_for': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5)),
+    'st_searched_centroids': (_POINTER, (_POINTER, _POINTER)),
+    'st_size_for': (_STATUS, (_POINTER,) * 5),
+    'st_create_for': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 6)),
     'st_usable_stars': (_STATUS, ((_POINTER,) * 3 + (_COUNT, _NUMBER) + (_POINTER,) * 4)),
     'st_support': (_STATUS, (*(_POINTER,) * 4, _COUNT, _POINTER)),
     'st_verify': (_STATUS, (*(_POINTER,) * 4, _COUNT, _NUMBER, *(_POINTER,) * 4)),
@@ -226,11 +229,15 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_track': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
     'st_prepare': (_STATUS, (_POINTER,)),
     'st_add_identification': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
+    'st_known': (_STATUS, (_POINTER, _POINTER)),
     'st_tracks': (_POINTER, (_POINTER, _POINTER)),
     'st_predictions': (_POINTER, (_POINTER, _POINTER)),
     'st_trust': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _POINTER)),
     'st_trust_stars': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER, _COUNT, _POINTER)),
     'st_residuals': (_POINTER, (_POINTER, _POINTER)),
+    'st_process_image': (_STATUS, (_POINTER, _STAMP, _POINTER, _POINTER)),
+    'st_process_centroids': (_STATUS, (_POINTER, _STAMP, _POINTER, _COUNT, _POINTER, _FLAG,
+                                       _POINTER)),
     'st_searched_size': (_STATUS, (_POINTER, _POINTER)),
     'st_search': (_STATUS, (_POINTER,) * 8),
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),
@@ -294,6 +301,74 @@ def defaults() -> np.ndarray:
     config, abi = np.zeros((), CONFIG), this_abi()
     check(library().st_defaults(config.ctypes.data, abi.ctypes.data))
     return config
+
+
+# --- trackers ---
+
+
+class NativeTracker:
+    """
+    A tracker with the stages of a CONFIG, in memory of its own; one thread uses it at a time.
+
+    sky is a file in memory or mapped, None for a tracker that needs none. patterns are PATTERNS
+    that are identified by instead of those of the sky, with the arrays that they are of.
+    NativeError as of st_create().
+    """
+
+    def __init__(self, config: np.ndarray, camera: np.ndarray, sky: np.ndarray | None = None,
+                 patterns: tuple[np.ndarray, list[np.ndarray]] | None = None) -> None:
+        self.config, self._library, self.handle = config, library(), ctypes.c_void_p()
+        file = None if sky is None else np.array((sky.ctypes.data, len(sky)), SKY)
+        size, fault, kind = ctypes.c_size_t(), np.zeros((), FAULT), ''
+        given = [config.ctypes.data, camera.ctypes.data, address_of(file)]
+        if patterns is not None:
+            given.append(patterns[0].ctypes.data)
+            kind = '_for'
+        check(getattr(self._library, f'st_size{kind}')(*given, ctypes.byref(size)))
+        # Memory of the caller, for as long as the tracker lives.
+        self._sky, self._patterns, self._memory = sky, patterns, aligned(size.value)
+        check(getattr(self._library, f'st_create{kind}')(
+            self._memory.ctypes.data, size.value, *given, ctypes.byref(self.handle),
+            fault.ctypes.data), fault)
+        self.count = ctypes.c_size_t()
+        self._count_at = ctypes.byref(self.count)
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function with the tracker and arguments; NativeError for wrong use."""
+        status = getattr(self._library, name)(self.handle, *arguments)
+        if status:
+            check(status)
+
+    def status_of(self, name: str, *arguments: Any) -> int:
+        """Return what a function returns that may refuse its input."""
+        return int(getattr(self._library, name)(self.handle, *arguments))
+
+    def change_options(self) -> None:
+        """Use what was changed in config without loss of lock; NativeError if it is not live."""
+        fault = np.zeros((), FAULT)
+        check(self.status_of('st_change_options', self.config.ctypes.data, fault.ctypes.data),
+              fault)
+
+    def listed(self, name: str, kind: np.dtype, none: bool = False) -> Any:
+        """Return a copy of a list of the last call; where none, None instead of a null pointer."""
+        first = getattr(self._library, name)(self.handle, self._count_at)
+        if none and first is None:
+            return None
+        table = np.empty(self.count.value, kind)
+        ctypes.memmove(table.ctypes.data, first, table.nbytes)
+        return table
+
+
+def aligned(size: int) -> np.ndarray:
+    """Return memory (size,) uint8 as the library needs it."""
+    block = np.empty(size + _ALIGNMENT, np.uint8)
+    first = -block.ctypes.data % _ALIGNMENT
+    return block[first:first + size]
+
+
+def address_of(array: np.ndarray | None) -> int | None:
+    """Return where an array is; None for none."""
+    return None if array is None else array.ctypes.data
 
 
 def check_sky(path: Path) -> None:

@@ -1,11 +1,9 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A tracker of the native library: its memory, its calls, its lists, its sky."""
+"""A tracker of the native library with its sky, and what goes in and comes out of it."""
 
-import ctypes
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 from startracker_ros.core import native
@@ -17,12 +15,12 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.image_tracker import aligned
+from startracker_ros.core.native import aligned, NativeTracker
 from startracker_ros.core.options import Options
 from startracker_ros.core.stored_arrays import write_arrays
 
-TRACKS, TRUSTS = 4, 8
-"""Stages, ST_TRACKS and so on."""
+EXTRACTS, IDENTIFIES, TRACKS, TRUSTS = 1, 2, 4, 8
+"""Stages, ST_EXTRACTS and so on."""
 
 MOST_CENTROIDS = 5000
 """Capacity of lists of centroids, the brightest; what is not used takes no memory."""
@@ -34,56 +32,18 @@ _ABERRATION = ('none', 'earth_only', 'full')
 _UNKNOWN = np.full(3, np.nan)
 
 
-class NativeTracker:
+class SkyTracker(NativeTracker):
     """
-    A tracker with the stages of a CONFIG, in memory of its own; one thread uses it at a time.
+    A tracker that sees the stars of a catalogue as a moving observer, at rest without a motion.
 
-    sky is that of native_sky(), None where it only extracts. NativeError as of st_create().
+    The stages of one frame may share it; each has a part of its config.
     """
 
-    def __init__(self, config: np.ndarray, camera: np.ndarray, sky: np.ndarray | None = None
-                 ) -> None:
-        self._library, self.handle = native.library(), ctypes.c_void_p()
-        # Memory of the caller, for as long as the tracker lives.
-        self._sky = sky
-        file = None if sky is None else np.array((sky.ctypes.data, len(sky)), native.SKY)
-        size, fault = ctypes.c_size_t(), np.zeros((), native.FAULT)
-        given = config.ctypes.data, camera.ctypes.data, address_of(file)
-        native.check(self._library.st_size(*given, ctypes.byref(size)))
-        self._memory = aligned(size.value)
-        native.check(self._library.st_create(
-            self._memory.ctypes.data, size.value, *given, ctypes.byref(self.handle),
-            fault.ctypes.data), fault)
-        self.count = ctypes.c_size_t()
-
-    def call(self, name: str, *arguments: Any) -> None:
-        """Call a function with the tracker and arguments; NativeError for wrong use."""
-        native.check(getattr(self._library, name)(self.handle, *arguments))
-
-    def status_of(self, name: str, *arguments: Any) -> int:
-        """Return the status of a function that may refuse its input."""
-        return int(getattr(self._library, name)(self.handle, *arguments))
-
-    def change_options(self, config: np.ndarray) -> None:
-        """Use the options of a CONFIG without loss of lock; NativeError where one is not live."""
-        fault = np.zeros((), native.FAULT)
-        native.check(self.status_of('st_change_options', config.ctypes.data, fault.ctypes.data),
-                     fault)
-
-    def listed(self, name: str, kind: np.dtype, none: bool = False) -> Any:
-        """Return a copy of a list of the last call; where none, None instead of a null pointer."""
-        first = getattr(self._library, name)(self.handle, ctypes.byref(self.count))
-        if none and first is None:
-            return None
-        size = self.count.value * kind.itemsize
-        return np.frombuffer(bytearray(ctypes.string_at(first, size)) if size else b'', kind)
-
-
-class ObserverInput:
-    """Gives a tracker the observer of each frame: at rest without a motion."""
-
-    def __init__(self, tracker: NativeTracker, motion: ObserverMotion | None) -> None:
-        self._tracker, self._motion = tracker, motion
+    def __init__(self, config: np.ndarray, camera: Camera, onboard: OnboardCatalog,
+                 motion: ObserverMotion | None,
+                 patterns: tuple[np.ndarray, list[np.ndarray]] | None = None) -> None:
+        super().__init__(config, native_camera(camera), native_sky(onboard), patterns)
+        self._motion = motion
         self._given: tuple[int, Observer] | None = None
 
     def look(self, stamp_ns: int) -> None:
@@ -93,16 +53,12 @@ class ObserverInput:
         observer, given = self._motion.at(stamp_ns), self._given
         if given is None or observer is not given[1] or stamp_ns < given[0]:
             self._given = stamp_ns, observer
-            self._tracker.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
+            self.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
 
     def reset(self) -> None:
-        """Forget what was given, as the tracker does."""
+        """Forget all frames."""
+        self.call('st_reset')
         self._given = None
-
-
-def address_of(array: np.ndarray | None) -> int | None:
-    """Return where an array is; None for none."""
-    return None if array is None else array.ctypes.data
 
 
 # --- what goes in ---
@@ -194,9 +150,9 @@ def native_observer(observer: Observer) -> np.ndarray:
 
 
 def attitude_of(attitude: np.ndarray, budget: np.ndarray | None = None) -> AttitudeEstimate:
-    """Return a valid ATTITUDE with its BUDGET."""
+    """Return a valid ATTITUDE with its BUDGET, which it is a view of."""
     return AttitudeEstimate(
-        attitude['quaternion'].copy(), attitude['covariance_rad2'].copy(), int(attitude['stars']),
+        attitude['quaternion'], attitude['covariance_rad2'], int(attitude['stars']),
         chi2=float(attitude['chi2']),
         budget=None if budget is None else ErrorBudget(*(
-            budget[name].copy() for name in ErrorBudget._fields)))
+            budget[name] for name in ErrorBudget._fields)))

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.centroid.image_tracker import aligned
+from startracker_ros.core.native import aligned
 from startracker_ros.core.native import CAMERA, SKY
 
 NAMES = list(MODELS)

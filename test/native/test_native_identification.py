@@ -17,8 +17,9 @@ from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.sky_file import sky_arrays
-from startracker_ros.core.identify.star_matcher import native_camera, Rules, StarMatcher
+from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
+from startracker_ros.core.native_tracker import native_camera
 from startracker_ros.core.stored_arrays import write_arrays
 
 IDENTIFIED, SEARCHING, TIME_LIMIT = 1, 6, 5
@@ -87,7 +88,7 @@ def test_stars_in_the_circle_of_a_fisheye_are_counted(monkeypatch):
     matrix = matrix_from_quaternion([0.1, 0.3, -0.2, 0.9])
     seen = camera.contains(camera.project(onboard.direction @ matrix)).sum()
     count = kernels().stt_stars_in_image(
-        StarMatcher(camera, onboard, {}, Rules(0.005))._handle, matrix.ctypes.data)
+        StarMatcher(camera, onboard, {}, Rules(0.005))._tracker.handle, matrix.ctypes.data)
     # With those in the corners of the square about the circle.
     assert 500 < seen <= count < 1.5 * seen
 

@@ -6,23 +6,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "attitude/results.h"
+
 namespace st {
 namespace {
 
 // Of the very brightest stars: few pairs, all of them in the processor's cache.
 constexpr BrightLevel BRIGHT{4, 3};
-
-template <size_t N>
-void clear(double (&values)[N]) {
-    std::fill(values, values + N, NAN);
-}
-
-template <size_t N>
-void clear(double (&matrix)[N][N]) {
-    for (auto &row : matrix) {
-        clear(row);
-    }
-}
 
 st_reason reason_of(st_reason_code code, double a, double b, double c = 0.0) {
     return {code, 0, {a, b, c}};
@@ -76,11 +66,11 @@ size_t IdentificationStage::work_bytes(const IdentificationSetup &setup) {
 }
 
 void IdentificationStage::begin(int64_t stamp_ns, const st_centroid *centroids, int count,
-                                Arena &work) {
+                                double shear_px, Arena &work) {
     stamp_ns_ = stamp_ns;
     centroids_ = count;
-    brightest_stars(lens_, centroids, count, options_.max_image_stars, options_.sigma_floor_px,
-                    search_.stars(), work);
+    brightest_stars(lens_, centroids, count, options_.max_image_stars,
+                    std::hypot(options_.sigma_floor_px, shear_px), search_.stars(), work);
     search_.begin(options_.most_work_s);
     searching_ = true;
 }
@@ -95,13 +85,7 @@ void IdentificationStage::proceed(double slice_s, const volatile uint32_t *stop,
     searching_ = outcome == Outcome::SEARCHING && !stopped;
     const double tested = search_.tested();
     const int stars = search_.stars().count;
-    result = {};
-    result.attitude = no_attitude();
-    result.attitude.stamp_ns = stamp_ns_;
-    result.focal_ratio = 1.0;
-    result.false_alarm_probability = search_.best().false_alarm;
-    result.work_s = search_.work_s();
-    result.candidates = as_count(tested);
+    result = waiting();
     switch (outcome) {
         case Outcome::IDENTIFIED:
             publish(result, identified, work);
@@ -127,19 +111,31 @@ void IdentificationStage::proceed(double slice_s, const volatile uint32_t *stop,
             result.reason = reason_of(ST_REASON_MOST_WORK, options_.most_work_s, tested);
             break;
         case Outcome::SEARCHING:
-            result.status = stopped ? ST_TIME_LIMIT : ST_SEARCHING;
             if (stopped) {
+                result.status = ST_TIME_LIMIT;
                 result.reason = reason_of(ST_REASON_STOPPED, tested, 0.0);
             }
             break;
     }
 }
 
+st_identification IdentificationStage::waiting() const {
+    st_identification result{};
+    set_unknown(result.attitude);
+    result.attitude.stamp_ns = stamp_ns_;
+    result.status = ST_SEARCHING;
+    result.focal_ratio = 1.0;
+    result.false_alarm_probability = search_.best().false_alarm;
+    result.work_s = search_.work_s();
+    result.candidates = as_count(search_.tested());
+    return result;
+}
+
 void IdentificationStage::publish(st_identification &result, List<st_identified> &identified,
                                   Arena &work) const {
     const Arena::Scope scope(work);
-    const ImageStars &stars = const_cast<IdentificationStage *>(this)->search_.stars();
-    const StarMatch &found = search_.best().found;
+    const ImageStars &stars = this->stars();
+    const StarMatch &found = this->found();
     auto *angle_rad = work.take<double>(static_cast<size_t>(stars.count));
     const double pixels = std::sqrt(lens_.fx * lens_.fy);
     const AttitudeFit best =
@@ -160,22 +156,6 @@ void IdentificationStage::publish(st_identification &result, List<st_identified>
                                           verifier_.sky.hip[star], 0};
         }
     }
-}
-
-st_attitude no_attitude() {
-    st_attitude attitude{};
-    clear(attitude.quaternion);
-    clear(attitude.covariance_rad2);
-    clear(attitude.rate_rad_s);
-    clear(attitude.rate_covariance);
-    clear(attitude.cross_covariance);
-    clear(attitude.acceleration_rad_s2);
-    clear(attitude.jerk_rad_s3);
-    clear(attitude.acceleration_sigma_rad_s2);
-    clear(attitude.acceleration_sigma_before_rad_s2);
-    clear(attitude.protection_rad);
-    attitude.chi2 = attitude.residual_px = NAN;
-    return attitude;
 }
 
 void set_fit(const AttitudeFit &fit, const double *angle_rad, int count, double pixel_rad,

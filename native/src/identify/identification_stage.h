@@ -32,15 +32,19 @@ public:
     static size_t bytes(const IdentificationSetup &setup);
     static size_t work_bytes(const IdentificationSetup &setup);
 
-    /// Begin a search for the stars of a list.
-    void begin(int64_t stamp_ns, const st_centroid *centroids, int count, Arena &work);
+    /// Begin a search for the stars of a list, of which places are off by shear_px beside their errors.
+    void begin(int64_t stamp_ns, const st_centroid *centroids, int count, double shear_px,
+               Arena &work);
 
     /// Continue it for so much work; *stop not zero ends it, null is allowed. The list has one
     /// element for each centroid once an attitude is found.
     void proceed(double slice_s, const volatile uint32_t *stop, st_identification &result,
                  List<st_identified> &identified, Arena &work);
 
-    /// Forget a search that waits to be continued.
+    /// Return the result of a search that waits to be continued.
+    st_identification waiting() const;
+
+    /// Forget it.
     void reset() { searching_ = false; }
 
     bool is_searching() const { return searching_; }
@@ -49,6 +53,11 @@ public:
     int most_stars() const { return most_stars_; }
     const Verifier &verifier() const { return verifier_; }
     const Lens &lens() const { return lens_; }
+    double work_s() const { return search_.work_s(); }
+
+    /// The image stars of the newest search, and which stars of the sky they are.
+    const ImageStars &stars() const { return search_.stars(); }
+    const StarMatch &found() const { return search_.best().found; }
 
 private:
     void publish(st_identification &result, List<st_identified> &identified, Arena &work) const;
@@ -63,9 +72,6 @@ private:
     int centroids_ = 0;
     bool searching_ = false;
 };
-
-/// Return an attitude of which nothing is known.
-st_attitude no_attitude();
 
 /// Set what a fit to so many stars tells of an attitude.
 void set_fit(const AttitudeFit &fit, const double *angle_rad, int count, double pixel_rad,

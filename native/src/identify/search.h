@@ -50,6 +50,7 @@ public:
                     double slice_s, const volatile uint32_t *stop, Arena &work);
 
     ImageStars &stars() { return stars_; }
+    const ImageStars &stars() const { return stars_; }
     const Verification &best() const { return best_; }
     /// Stars of the other attitude that fits an ambiguous field.
     int other_matched() const { return other_matched_; }

@@ -130,14 +130,23 @@ void TrackFilter::set_limits(const st_tracking_options &options) {
 
 // --- frames and identifications, in any interleaving ---
 
+Order TrackFilter::order(int64_t stamp_ns) const {
+    if (!has_stamp_ || stamp_ns > stamp_ns_) {
+        return Order::NEWER;
+    }
+    return seconds(stamp_ns_ - stamp_ns) <= limit(LATE_FRAME, "back_s") ? Order::LATE
+                                                                        : Order::BACK;
+}
+
 bool TrackFilter::update(int64_t stamp_ns, const st_centroid *centroids, int count,
                          const double exposure_s[2], Arena &arena) {
-    if (has_stamp_ && stamp_ns <= stamp_ns_) {
+    const Order order = this->order(stamp_ns);
+    if (order == Order::LATE) {
+        ++late_frames;
+        return false;
+    }
+    if (order == Order::BACK) {
         const double back_s = seconds(stamp_ns_ - stamp_ns);
-        if (back_s <= limit(LATE_FRAME, "back_s")) {
-            ++late_frames;
-            return false;
-        }
         reset();
         reason = reason_of(TIME_JUMP, {back_s});
     }

@@ -40,6 +40,9 @@ struct TrackedAttitude {
     int stars;
 };
 
+/// Whether a frame is newer than the one before, late, or so old that time was set back.
+enum class Order { NEWER, LATE, BACK };
+
 /// Feed update() with every frame and identified() with the identifications, in any interleaving: an
 /// identification may come some frames late or before its own update(). acquire_new_stars() may
 /// follow update(). The sky is that of the observers given to it.
@@ -56,6 +59,14 @@ public:
 
     /// Use live options, without loss of lock; the others must be those of before.
     void set_limits(const st_tracking_options &options);
+
+    Order order(int64_t stamp_ns) const;
+
+    /// That of the newest frame; 0 before the first.
+    int64_t stamp_ns() const { return has_stamp_ ? stamp_ns_ : 0; }
+
+    /// Whether the stars of the newest frame were where the tracks have them.
+    bool follows() const { return state == ST_TRACKING && frames_since_fix == 0; }
 
     /// Process a frame; false for one that is not newer than the one before, which counts as late.
     bool update(int64_t stamp_ns, const st_centroid *centroids, int count,

@@ -64,17 +64,21 @@ void TrackingStage::reset() {
 }
 
 void TrackingStage::publish(st_tracking &tracking, Arena &arena) {
-    predicted_ = false;
     filter.publish(tracks_);
     tracking = {};
     filter.fill(tracking.attitude, tracking.budget, arena);
     filter.fill_of_frame(tracking.frame_attitude, tracking.frame_budget, arena);
+    tracking.tracks = tracks_.count;
+    tracking.tracks_left_out = tracks_.left_out;
+    publish_state(tracking);
+}
+
+void TrackingStage::publish_state(st_tracking &tracking) {
+    predicted_ = false;
     tracking.residual_px = filter.residual_px;
     tracking.stamp_sigma_s = filter.stamp_sigma_s();
     tracking.state = filter.state;
     tracking.gyro = use_of_gyro(filter);
-    tracking.tracks = tracks_.count;
-    tracking.tracks_left_out = tracks_.left_out;
     tracking.stars_matched = filter.stars_matched;
     tracking.frames_since_fix = filter.frames_since_fix;
     tracking.late_frames = filter.late_frames;

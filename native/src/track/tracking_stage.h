@@ -24,6 +24,9 @@ public:
     /// Fill in what is known after a call, and the list of tracks.
     void publish(st_tracking &tracking, Arena &arena);
 
+    /// Fill in state, reasons and counts alone; attitude and tracks stay those of the frame.
+    void publish_state(st_tracking &tracking);
+
     /// Return the predictions of the newest frame, computed when they are asked for; null where there
     /// is no attitude.
     const List<st_prediction> *predictions();

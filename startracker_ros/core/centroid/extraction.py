@@ -15,7 +15,7 @@ import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.image_tracker import (
     Found, ImageTracker, METHODS, THRESHOLDS, WEIGHTS)
-from startracker_ros.core.centroid.reasons import status_and_reason
+from startracker_ros.core.centroid.reasons import rejections, status_and_reason
 from startracker_ros.core.centroid.streak import Streak
 from startracker_ros.core.options import option, Options
 
@@ -88,10 +88,10 @@ class Extraction:
     @classmethod
     def of(cls, found: Found) -> 'Extraction':
         """Return what the library found."""
-        figures, rejected = found.figures, found.rejected
-        status, reason = status_and_reason(found.reason, rejected)
+        figures = found.figures
+        status, reason = status_and_reason(figures)
         return cls(found.centroids, status, reason, figures['background_dn'], figures['noise_dn'],
-                   figures['psf_sigma_px'], rejected, found.rejected_uv, found.streak)
+                   figures['psf_sigma_px'], rejections(figures), found.rejected_uv, found.streak)
 
 
 class Searched:

@@ -4,6 +4,9 @@
 """The sentence for each reason of the library why an image has no stars."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
+
+from startracker_ros.core.centroid.image_tracker import KINDS
 
 _WORDS = {
     'edge': 'cut by the edge', 'saturated': 'saturated', 'hot_pixel': 'hot pixels',
@@ -41,16 +44,20 @@ _REASONS: dict[int, tuple[str, Callable[..., str]]] = {
 _ALL_REJECTED = 105
 
 
-def status_and_reason(reason: tuple[int, tuple[float, ...]], rejected: Mapping[str, int]
-                      ) -> tuple[str, str]:
-    """Return the status for the code and the figures of an st_reason, and the sentence."""
-    code, figures = reason
+def rejections(figures: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many spots an EXTRACTION has left out for each of the KINDS that there are."""
+    return {kind: int(count) for kind, count in zip(KINDS, figures['rejected_by_kind']) if count}
+
+
+def status_and_reason(figures: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the status of an EXTRACTION by its names, and the sentence for its reason."""
+    code, _, numbers = figures['reason']
     if not code:
         return 'ok', ''
     if code == _ALL_REJECTED:
-        return 'no_stars', _rejected_text(rejected)
+        return 'no_stars', _rejected_text(rejections(figures))
     status, text = _REASONS[code]
-    return status, text(*figures[:3])
+    return status, text(*numbers[:3])
 
 
 def _threshold(sigmas: float, dn: float) -> str:

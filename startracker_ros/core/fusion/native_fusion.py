@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.centroid.image_tracker import aligned
 from startracker_ros.core.fusion.mounts import Mount, MountOptions, native_mount
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.reasons import fusion_reason
+from startracker_ros.core.native import aligned
 from startracker_ros.core.native_tracker import set_options
 
 _FRAME_S, _MOST_FRAMES, _SPARE_FRAMES = 0.01, 2000, 16

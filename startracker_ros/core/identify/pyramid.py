@@ -10,7 +10,7 @@ native/src/identify/search.h tells the steps.
 """
 
 from copy import copy
-from functools import partial
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -21,7 +21,8 @@ from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, Identifier)
 from startracker_ros.core.identify.pairs import MOST_PAIRS
-from startracker_ros.core.identify.star_matcher import BrightLevel, Found, Rules, StarMatcher
+from startracker_ros.core.identify.star_matcher import (
+    BrightLevel, Found, native_patterns, Rules, StarMatcher)
 from startracker_ros.core.stored_arrays import prepare
 
 # The relative noise of shorter sides is too large to be of use.
@@ -56,19 +57,32 @@ class PyramidIdentifier(Identifier):
         self._bright = bright
         self._stored = [made.stored for made in (self.onboard, self.pairs, self.bright_pairs)
                         if made.stored is not None]
-        self._set_matcher()
+        vars(self).pop('_matcher', None)
 
-    def _set_matcher(self) -> None:
+    @property
+    def native_options(self) -> dict[str, float]:
+        """Return fields of st_identification_options."""
         options = self.options
-        self._matcher = StarMatcher(
-            self.camera, self.onboard,
-            {'tolerance_sigmas': options.tolerance_sigmas,
-             'sigma_floor_px': options.sigma_floor_px,
-             'false_alarm_max': max(options.false_alarm_max, _LEAST_CHANCE),
-             'most_work_s': options.time_limit_s,
-             'max_image_stars': options.max_image_stars},
-            Rules(self.scale_error, lens_known=self.lens_known), self.pairs, self.bright_pairs,
-            self._bright)
+        return {'tolerance_sigmas': options.tolerance_sigmas,
+                'sigma_floor_px': options.sigma_floor_px,
+                'fov_error_percent': options.fov_error_percent,
+                'false_alarm_max': max(options.false_alarm_max, _LEAST_CHANCE),
+                'most_work_s': options.time_limit_s,
+                'max_image_stars': options.max_image_stars}
+
+    @property
+    def _rules(self) -> Rules:
+        return Rules(self.scale_error, lens_known=self.lens_known)
+
+    def native_patterns(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return PATTERNS for a tracker that identifies as this does, and their arrays."""
+        return native_patterns(
+            self.onboard, self._rules, self.pairs, self.bright_pairs, self._bright)
+
+    @cached_property
+    def _matcher(self) -> StarMatcher:
+        return StarMatcher(self.camera, self.onboard, self.native_options, self._rules,
+                           self.pairs, self.bright_pairs, self._bright)
 
     def with_bright_level(self, bright: BrightLevel) -> Self:
         """Return an identifier of the same pairs with another level of the brightest stars."""
@@ -84,8 +98,8 @@ class PyramidIdentifier(Identifier):
         """
         other = copy(self)
         other.options, other.camera = options, camera
-        vars(other).pop('verifier', None)
-        other._set_matcher()
+        for made in ('verifier', '_matcher'):
+            vars(other).pop(made, None)
         return other
 
     def prepare(self) -> None:
@@ -94,7 +108,7 @@ class PyramidIdentifier(Identifier):
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""
-        return self._result(centroids, self._matcher.identify(centroids, self.until_s))
+        return self.result_of(centroids, self._matcher.identify(centroids, self.until_s))
 
     def identify_within(self, centroids: Centroids, work_s: float) -> tuple[Identification, float]:
         """
@@ -104,9 +118,10 @@ class PyramidIdentifier(Identifier):
         that results are the same on all machines.
         """
         found = self._matcher.identify(centroids, work_s=work_s)
-        return self._result(centroids, found), found.work_s
+        return self.result_of(centroids, found), found.work_s
 
-    def _result(self, centroids: Centroids, found: Found) -> Identification:
+    def result_of(self, centroids: Centroids, found: Found) -> Identification:
+        """Return what was found for centroids as the result."""
         if found.attitude is not None:
             return Identification('identified', f'{found.stars} stars', found.hip,
                                   found.magnitude, found.residual_px, found.attitude,

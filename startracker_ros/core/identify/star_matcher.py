@@ -4,6 +4,7 @@
 """A tracker of the native library that identifies stars, and its results in Python."""
 
 import ctypes
+from dataclasses import replace
 import math
 from threading import Lock
 import time
@@ -12,21 +13,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.image_tracker import aligned
 from startracker_ros.core.identify.pairs import PairDatabase
+from startracker_ros.core.native import NativeTracker
+from startracker_ros.core.native_tracker import (
+    attitude_of, IDENTIFIES, MOST_CENTROIDS, native_camera)
 
 STATUSES = ('not_due', 'identified', 'too_few_stars', 'no_candidate', 'ambiguous', 'time_limit',
             'searching')
 """Names of st_identification_status, in their order."""
 
-_IDENTIFIES = 2  # ST_IDENTIFIES
 _SEARCHING = STATUSES.index('searching')
-MOST_CENTROIDS = 5000
-"""Of one list: the brightest."""
+_IDENTIFICATION = [name for name in native.IDENTIFICATION.names or () if name != 'attitude']
 
 # Of a search, until the clock is read.
 _SLICE_S = 2e-3
@@ -86,73 +86,18 @@ class StarMatcher:
                  rules: Rules, pairs: PairDatabase | None = None,
                  bright_pairs: PairDatabase | None = None,
                  bright: BrightLevel = BrightLevel(0.0, 0, 0)) -> None:
-        self._library = native.library()
         self._uses = Lock()
-        config, fault = native.defaults(), np.zeros((), native.FAULT)
-        config['stages'] = _IDENTIFIES
+        config = native.defaults()
+        config['stages'] = IDENTIFIES
         for name, value in options.items():
             config['identification'][name] = value
-        # The library reads the arrays in place.
-        self._arrays: list[np.ndarray] = []
-        patterns = self._patterns(onboard, rules, pairs, bright_pairs, bright)
-        lens = native_camera(camera)
-        size, self._handle = ctypes.c_size_t(), ctypes.c_void_p()
-        given = config.ctypes.data, lens.ctypes.data, patterns.ctypes.data
-        native.check(self._library.st_size_for(*given, ctypes.byref(size)))
-        self._memory = aligned(size.value)
-        native.check(self._library.st_create_for(
-            self._memory.ctypes.data, size.value, *given, ctypes.byref(self._handle),
-            fault.ctypes.data), fault)
+        self._tracker = NativeTracker(config, native_camera(camera), None, native_patterns(
+            onboard, rules, pairs, bright_pairs, bright))
         self._table = np.zeros((MOST_CENTROIDS, native.CENTROID.itemsize // 8))
-        self._result = np.zeros(1, native.IDENTIFICATION)
+        self._result = np.zeros((), native.IDENTIFICATION)
         self._result_at, self._table_at = self._result.ctypes.data, self._table.ctypes.data
-        # Views of the result, each of which would take a microsecond to make.
-        self._numbers = self._result['status'], [
-            self._result[name] for name in ('false_alarm_probability', 'focal_ratio', 'work_s',
-                                            'stars', 'candidates')], (
-            self._result['reason']['figure'][0])
-        self._quaternion, self._covariance, self._chi2 = (
-            self._result['attitude'][name][0:1] for name in (
-                'quaternion', 'covariance_rad2', 'chi2'))
-        self._count = ctypes.c_size_t()
-        first = self._library.st_identified_stars(self._handle, ctypes.byref(self._count))
-        begin = first - self._memory.ctypes.data
-        self._identified = self._memory[
-            begin:begin + MOST_CENTROIDS * native.IDENTIFIED.itemsize].view(native.IDENTIFIED)
-        self._columns = [self._identified[name] for name in (
-            'hip', 'magnitude', 'residual_px', 'residual_rad')]
         self._stars = np.zeros((), native.IMAGE_STARS)
         self._verification = np.zeros((), native.VERIFICATION)
-
-    def _patterns(self, onboard: OnboardCatalog, rules: Rules, pairs: PairDatabase | None,
-                  bright_pairs: PairDatabase | None, bright: BrightLevel) -> np.ndarray:
-        patterns, grid = np.zeros((), native.PATTERNS), onboard.grid
-        for name, array, kind in (
-                ('hip', onboard.hip, np.int32), ('direction', grid.direction, float),
-                ('magnitude', onboard.magnitude, float), ('blended', onboard.blended, bool),
-                ('start', grid.start, np.int32), ('member', grid.member, np.int32)):
-            patterns[name] = self._kept(array, kind)
-        for name, table in (('pairs', pairs), ('bright', bright_pairs)):
-            if table is not None:
-                patterns[name] = (
-                    *(self._kept(array, kind) for array, kind in (
-                        (table.star, np.int32), (table.direction, float),
-                        (table.separation, float), (table.below, np.int32),
-                        (table.member, np.int32), (table.previous, np.int32))),
-                    len(table.star), len(table.separation))
-        patterns['scale_error'] = rules.scale_error
-        patterns['stars'], patterns['cells'] = len(onboard.hip), grid.cells
-        patterns['bright_image_stars'] = bright.image_stars
-        patterns['bright_triangles'] = bright.triangles
-        patterns['most_centroids'] = MOST_CENTROIDS
-        patterns['bases_by_brightness'] = rules.bases_by_brightness
-        patterns['lens_unknown'] = not rules.lens_known
-        return patterns
-
-    def _kept(self, array: np.ndarray, kind: type) -> int:
-        """Return the address of an array that stays as long as the tracker."""
-        self._arrays.append(np.ascontiguousarray(array, kind))
-        return int(self._arrays[-1].ctypes.data)
 
     def identify(self, centroids: Centroids, until_s: np.ndarray | None = None,
                  work_s: float = math.inf) -> Found:
@@ -167,13 +112,12 @@ class StarMatcher:
         with self._uses:
             used = self._set(centroids, rows)
             slice_s = min(work_s, _SLICE_S) if until_s is not None else work_s
-            native.check(self._library.st_identify(
-                self._handle, 0, self._table_at, used, slice_s, None, self._result_at))
-            while until_s is not None and self._numbers[0][0] == _SEARCHING and (
+            self._tracker.call(
+                'st_identify', 0, self._table_at, used, slice_s, None, self._result_at)
+            while until_s is not None and self._result['status'] == _SEARCHING and (
                     time.monotonic() < until_s[0]):
-                native.check(self._library.st_identify_on(
-                    self._handle, slice_s, None, self._result_at))
-            return self._found(count, used, rows)
+                self._tracker.call('st_identify_on', slice_s, None, self._result_at)
+            return found_of(self._result.copy(), self._tracker, count, rows)
 
     def _set(self, centroids: Centroids, rows: np.ndarray | None) -> int:
         """Fill in the table of the next call; return its length."""
@@ -184,24 +128,6 @@ class StarMatcher:
         table[:, :2], table[:, 2], table[:, 4] = centroids.uv, centroids.flux, centroids.sigma_px
         return used
 
-    def _found(self, count: int, used: int, rows: np.ndarray | None) -> Found:
-        status, numbers, figures = self._numbers
-        false_alarm, ratio, work_s, stars, tested = (number.item() for number in numbers)
-        name = STATUSES[status.item()]
-        if name != 'identified':
-            return Found(name, tuple(figures.tolist()), false_alarm, ratio, work_s, stars, tested)
-        hip, magnitude, residual_px, residual_rad = (
-            column[:used].copy() for column in self._columns)
-        angles_rad = residual_rad[residual_rad >= 0]
-        if rows is not None:
-            hip, magnitude, residual_px = (
-                _spread(column, count, rows, empty) for column, empty in (
-                    (hip, 0), (magnitude, np.nan), (residual_px, np.nan)))
-        return Found(
-            name, (), false_alarm, ratio, work_s, stars, tested, hip, magnitude, residual_px,
-            AttitudeEstimate(self._quaternion[0].copy(), self._covariance[0].copy(), stars,
-                             angles_rad, self._chi2.item()))
-
     def support(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                 candidates: np.ndarray) -> np.ndarray:
         """Return the support (M,) of candidates (M, 3) of st_support()."""
@@ -209,9 +135,9 @@ class StarMatcher:
         found = np.empty(len(stars))
         with self._uses:
             kept = self._set_stars(direction, sigma_rad)
-            native.check(self._library.st_support(
-                self._handle, self._stars.ctypes.data, three.ctypes.data, stars.ctypes.data,
-                len(stars), found.ctypes.data))
+            self._tracker.call(
+                'st_support', self._stars.ctypes.data, three.ctypes.data, stars.ctypes.data,
+                len(stars), found.ctypes.data)
             del kept
         return found
 
@@ -225,14 +151,15 @@ class StarMatcher:
             np.empty(count, np.int32), np.empty(count), np.empty(count))
         with self._uses:
             kept = self._set_stars(direction, sigma_rad)
-            native.check(self._library.st_verify(
-                self._handle, self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
+            self._tracker.call(
+                'st_verify', self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
                 len(given), tested, self._verification.ctypes.data, matched.ctypes.data,
-                residual_px.ctypes.data, residual_rad.ctypes.data))
+                residual_px.ctypes.data, residual_rad.ctypes.data)
             del kept
             found = self._verification.copy()
-        attitude = (_estimate(found['attitude'], residual_rad[residual_rad >= 0])
-                    if found['attitude']['valid'] else None)
+        angles_rad = residual_rad[residual_rad >= 0]
+        attitude = (replace(attitude_of(found['attitude']), stars=len(angles_rad),
+                            residual_rad=angles_rad) if found['attitude']['valid'] else None)
         return (float(found['false_alarm_probability']), float(found['focal_ratio']),
                 matched.astype(int), residual_px, attitude)
 
@@ -244,10 +171,10 @@ class StarMatcher:
         best, false_alarm = ctypes.c_int32(), ctypes.c_double()
         with self._uses:
             kept = self._set_stars(direction, sigma_rad)
-            native.check(self._library.st_verify_quads(
-                self._handle, self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
+            self._tracker.call(
+                'st_verify_quads', self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
                 len(given), least_support, tested, ctypes.byref(best),
-                ctypes.byref(false_alarm)))
+                ctypes.byref(false_alarm))
             del kept
         return best.value, false_alarm.value
 
@@ -279,12 +206,64 @@ def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_flo
     return index[chosen].astype(int), direction[chosen], sigma_rad[chosen]
 
 
-def native_camera(camera: Camera) -> np.ndarray:
-    """Return a camera as an st_camera."""
-    terms = np.zeros(8)
-    terms[:len(camera.distortion)] = camera.distortion
-    return np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-                     terms, list(MODELS).index(camera.distortion_model), 0), native.CAMERA)
+def native_patterns(onboard: OnboardCatalog, rules: Rules, pairs: PairDatabase | None = None,
+                    bright_pairs: PairDatabase | None = None,
+                    bright: BrightLevel = BrightLevel(0.0, 0, 0)
+                    ) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return PATTERNS of a catalogue and its pairs, and the arrays that they are of."""
+    patterns, grid = np.zeros((), native.PATTERNS), onboard.grid
+    kept: list[np.ndarray] = []
+
+    def address(array: np.ndarray, kind: type) -> int:
+        kept.append(np.ascontiguousarray(array, kind))
+        return int(kept[-1].ctypes.data)
+
+    for name, array, kind in (
+            ('hip', onboard.hip, np.int32), ('direction', grid.direction, float),
+            ('magnitude', onboard.magnitude, float), ('blended', onboard.blended, bool),
+            ('start', grid.start, np.int32), ('member', grid.member, np.int32)):
+        patterns[name] = address(array, kind)
+    for name, table in (('pairs', pairs), ('bright', bright_pairs)):
+        if table is not None:
+            patterns[name] = (
+                *(address(array, kind) for array, kind in (
+                    (table.star, np.int32), (table.direction, float), (table.separation, float),
+                    (table.below, np.int32), (table.member, np.int32),
+                    (table.previous, np.int32))),
+                len(table.star), len(table.separation))
+    patterns['scale_error'] = rules.scale_error
+    patterns['stars'], patterns['cells'] = len(onboard.hip), grid.cells
+    patterns['bright_image_stars'] = bright.image_stars
+    patterns['bright_triangles'] = bright.triangles
+    patterns['most_centroids'] = MOST_CENTROIDS
+    patterns['bases_by_brightness'] = rules.bases_by_brightness
+    patterns['lens_unknown'] = not rules.lens_known
+    return patterns, kept
+
+
+def found_of(result: np.ndarray, tracker: NativeTracker, count: int,
+             rows: np.ndarray | None = None) -> Found:
+    """
+    Return the IDENTIFICATION of a search of a tracker, of which it keeps views.
+
+    count is the number of centroids, rows those that were searched, None for all of them.
+    """
+    ratio, false_alarm, work_s, status, stars, _, tested, reason = (
+        result[name].item() for name in _IDENTIFICATION)
+    name, figures = STATUSES[status], tuple(reason[2])
+    if name != 'identified':
+        return Found(name, figures, false_alarm, ratio, work_s, stars, tested)
+    known = tracker.listed('st_identified_stars', native.IDENTIFIED)
+    hip, magnitude, residual_px = (known[column].copy() for column in (
+        'hip', 'magnitude', 'residual_px'))
+    if rows is not None:
+        hip, magnitude, residual_px = (
+            _spread(column, count, rows, empty) for column, empty in (
+                (hip, 0), (magnitude, np.nan), (residual_px, np.nan)))
+    angles_rad = known['residual_rad']
+    return Found(name, (), false_alarm, ratio, work_s, stars, tested, hip, magnitude, residual_px,
+                 replace(attitude_of(result['attitude']), stars=stars,
+                         residual_rad=angles_rad[angles_rad >= 0]))
 
 
 def _spread(column: np.ndarray, count: int, rows: np.ndarray, empty: float) -> np.ndarray:
@@ -292,10 +271,3 @@ def _spread(column: np.ndarray, count: int, rows: np.ndarray, empty: float) -> n
     full = np.full(count, empty, column.dtype)
     full[rows] = column
     return full
-
-
-def _estimate(attitude: np.ndarray, residual_rad: np.ndarray) -> AttitudeEstimate:
-    """Return an st_attitude of a fit, with the residuals (M,) of its stars."""
-    return AttitudeEstimate(
-        attitude['quaternion'].copy(), attitude['covariance_rad2'].copy(),
-        len(residual_rad), residual_rad, float(attitude['chi2']))

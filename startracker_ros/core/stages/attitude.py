@@ -17,8 +17,8 @@ from startracker_ros.core.integrity.protection import ProtectionOptions
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.integrity.validation import TrustedAttitude, ValidationOptions
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified,
-    native_sky, NativeTracker, ObserverInput, set_options, TRUSTS)
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified, set_options, SkyTracker,
+    TRUSTS)
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 
@@ -28,38 +28,34 @@ class AttitudeStage:
 
     The attitude is that of the sensor in ICRF where motion is that of the observer; without one
     the observer is at rest. sky has the stars as that observer sees them: a new one, unless
-    that of a star tracker serves both. The sign of the quaternion is continuous from one
-    accepted attitude to the next.
+    that of a star tracker serves both, as tracker may. The sign of the quaternion is continuous
+    from one accepted attitude to the next.
     """
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions(),
                  motion: ObserverMotion | None = None, sky: ApparentSky | None = None,
-                 protection: ProtectionOptions = ProtectionOptions()) -> None:
+                 protection: ProtectionOptions = ProtectionOptions(),
+                 tracker: SkyTracker | None = None) -> None:
         self.sky = sky or ApparentSky(camera_stars(camera, epoch_year), motion)
-        self._config = native.defaults()
-        self._config['stages'] = TRUSTS
-        self._config['capacities']['centroids'] = MOST_CENTROIDS
-        self._set(options, protection)
-        self._tracker = NativeTracker(
-            self._config, native_camera(camera), native_sky(self.sky.onboard))
-        self._observers = ObserverInput(self._tracker, motion)
+        if tracker is None:
+            config = native.defaults()
+            config['stages'] = TRUSTS
+            set_trust(config, options, protection)
+            tracker = SkyTracker(config, camera, self.sky.onboard, motion)
+        self._tracker = tracker
         self._trusted, self._tracked = (np.zeros((), kind) for kind in (
             native.TRUSTED, native.ATTITUDE))
-
-    def _set(self, options: ValidationOptions, protection: ProtectionOptions) -> None:
-        for each in (options, protection):
-            set_options(self._config['trust'], each, solver=SOLVERS)
 
     def set_limits(self, options: ValidationOptions,
                    protection: ProtectionOptions = ProtectionOptions()) -> None:
         """Use other options from the next frame on."""
-        self._set(options, protection)
-        self._tracker.change_options(self._config)
+        set_trust(self._tracker.config, options, protection)
+        self._tracker.change_options()
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""
-        self._tracker.call('st_reset')
+        self._tracker.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None
                     ) -> TrustedAttitude:
@@ -83,7 +79,7 @@ class AttitudeStage:
     def _by_tracks(self, stamp_ns: int, tracks: Tracks, tracked: np.ndarray | None
                    ) -> TrustedAttitude:
         table = tracks.table()
-        self._observers.look(stamp_ns)
+        self._tracker.look(stamp_ns)
         self._tracker.call('st_trust', stamp_ns, table.ctypes.data, len(table),
                            None if tracked is None else tracked.ctypes.data,
                            self._trusted.ctypes.data)
@@ -94,16 +90,25 @@ class AttitudeStage:
         """Return the attitude solved from one identified frame, hip (N,) 0 where unknown."""
         table = native_centroids(centroids)
         identified = native_identified(hip, len(table))
-        self._observers.look(stamp_ns)
+        self._tracker.look(stamp_ns)
         self._tracker.call('st_trust_stars', stamp_ns, table.ctypes.data, identified.ctypes.data,
                            len(table), self._trusted.ctypes.data)
         return self._result()
 
     def _result(self) -> TrustedAttitude:
         """Return the result of the last call."""
-        found, reason = self._trusted['attitude'], reason_text(self._trusted['reason'])
+        trusted = self._trusted.copy()
+        found, reason = trusted['attitude'], reason_text(trusted['reason'])
         if not found['valid']:
             return TrustedAttitude(None, reason)
         return TrustedAttitude(
             replace(attitude_of(found), residual_rad=self._tracker.listed(
-                'st_residuals', np.dtype(float))), reason, found['protection_rad'].copy())
+                'st_residuals', np.dtype(float))), reason, found['protection_rad'])
+
+
+def set_trust(config: np.ndarray, options: ValidationOptions, protection: ProtectionOptions
+              ) -> None:
+    """Set the limits of a CONFIG."""
+    config['capacities']['centroids'] = MOST_CENTROIDS
+    for each in (options, protection):
+        set_options(config['trust'], each, solver=SOLVERS)

@@ -35,28 +35,29 @@ class ExtractionStage:
     length of the streaks in the images that are searched: the mean of many, by the lengths. A
     streak that the motion does not explain and that is the same in two images is the shape of the
     stars: an astigmatic lens draws it, however the camera moves.
-    windowed is whether the last image was not searched as a whole.
+    windowed is whether the last image was not searched as a whole. options are the fields of
+    st_extraction_options; images extracts by them.
     """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
                  search: SearchOptions = SearchOptions()) -> None:
-        self._tracker: ImageTracker | None = None
+        self.images: ImageTracker | None = None
         self.windowed = False
         self.set_options(options, search)
 
     def set_options(self, options: ExtractionOptions, search: SearchOptions) -> None:
         """Use options of which only live ones differ from those before; nothing is forgotten."""
         self.extractor = CentroidExtractor(options)
-        self._options = native_options(options) | {
+        self.options = native_options(options) | {
             'search_period_s': search.search_period_s, 'max_stars_lost': search.max_stars_lost}
-        if self._tracker is not None:
-            self._tracker.change_options(self._options)
+        if self.images is not None:
+            self.images.change_options(self.options)
 
     def reset(self) -> None:
         """Forget the images before: the next one is searched as a whole."""
         self.windowed = False
-        if self._tracker is not None:
-            self._tracker.reset()
+        if self.images is not None:
+            self.images.reset()
 
     def process(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True,
@@ -72,9 +73,9 @@ class ExtractionStage:
         anew.
         """
         check_image(image)
-        if self._tracker is None or not self._tracker.is_of(image, cell):
-            self._tracker = ImageTracker(
-                (cell * image.shape[0], cell * image.shape[1]), self._options)
-        found = self._tracker.extract(stamp_ns, image, predicted, lost, cell, exposure_s)
+        if self.images is None or not self.images.is_of(image, cell):
+            self.images = ImageTracker(
+                (cell * image.shape[0], cell * image.shape[1]), self.options)
+        found = self.images.extract(stamp_ns, image, predicted, lost, cell, exposure_s)
         self.windowed = bool(found.figures['windowed'])
         return Extraction.of(found)

@@ -17,8 +17,8 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified, native_sky,
-    NativeTracker, ObserverInput, set_options, TRACKS)
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified, set_options, SkyTracker,
+    TRACKS)
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
 from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
@@ -69,7 +69,8 @@ class TrackFilter:
     interleaving: an identification may come some frames late or before its own update().
     add_rate() adds the rates of a gyro. acquire_new_stars() may follow update(). The attitude is
     that of the sensor in ICRF where motion is that of the observer; without one the observer is
-    at rest. sky has the stars as that observer sees them.
+    at rest. sky has the stars as that observer sees them. tracker is one that does more than
+    tracking, which fills in tracking.
 
     state and reason describe the last transition; contradiction is why the stars of the newest
     frame are no attitude although some agree, empty if they are; frames_since_fix counts the
@@ -82,45 +83,39 @@ class TrackFilter:
     def __init__(self, camera: Camera, onboard: OnboardCatalog,
                  options: TrackerOptions = TrackerOptions(),
                  gyro: GyroErrorOptions = GyroErrorOptions(),
-                 motion: ObserverMotion | None = None) -> None:
+                 motion: ObserverMotion | None = None, tracker: SkyTracker | None = None,
+                 tracking: np.ndarray | None = None) -> None:
         self.sky = ApparentSky(onboard, motion)
-        self._config = native.defaults()
-        self._config['stages'] = TRACKS
-        capacities = self._config['capacities']
-        capacities['centroids'], capacities['tracks'] = MOST_CENTROIDS, MOST_TRACKS
-        capacities['rates'] = MOST_RATES
-        set_options(self._config['gyro'], gyro)
-        set_options(self._config['tracking'], options, **_CHOICES)
-        self._tracker = NativeTracker(self._config, native_camera(camera), native_sky(onboard))
-        self._tracking, self._hint = (np.zeros((), kind) for kind in (
-            native.TRACKING, native.HINT))
+        if tracker is None:
+            config = native.defaults()
+            config['stages'] = TRACKS
+            set_tracking(config, options, gyro)
+            tracker = SkyTracker(config, camera, onboard, motion)
+        self._tracker = tracker
+        self._tracking = np.zeros((), native.TRACKING) if tracking is None else tracking
+        self._hint = np.zeros((), native.HINT)
         self._tracking_at = self._tracking.ctypes.data
         # Fields beside each other, which are read at once.
         self._whole = _fields(self._tracking, 'state', 'checks_passed', np.int32)
         self._figures = _fields(self._tracking, 'residual_px', 'stamp_sigma_s', np.float64)
-        self._reasons = [self._tracking[name] for name in (
-            'reason', 'contradiction', 'gyro_trouble')]
-        self._attitude: TrackedAttitude | None = None
-        self._observers = ObserverInput(self._tracker, motion)
         self.reset()
 
     def reset(self) -> None:
         """Drop everything but the counts and the track numbers."""
-        self._tracker.call('st_reset')
+        self._tracker.reset()
         counts = {name: int(self._tracking[name]) for name in _COUNTS}
         self._tracking[()] = np.zeros((), native.TRACKING)
         self._tracking['reason']['code'], self._tracking['residual_px'] = _WAITING, np.nan
         for name, count in counts.items():
             self._tracking[name] = count
-        self._observers.reset()
         self.newest_hint: Hint | None = None
         self._stamp_ns: int | None = None
-        self._look()
+        self.look()
 
     def set_limits(self, options: TrackerOptions) -> None:
         """Use live options, without loss of lock; the others must be those of before."""
-        set_options(self._config['tracking'], options, **_CHOICES)
-        self._tracker.change_options(self._config)
+        set_options(self._tracker.config['tracking'], options, **_CHOICES)
+        self._tracker.change_options()
 
     # --- what goes in ---
 
@@ -141,19 +136,18 @@ class TrackFilter:
 
         Return None, and count a late frame, when its stamp is not newer than the last one.
         """
-        self._observers.look(stamp_ns)
+        self._tracker.look(stamp_ns)
         table = native_centroids(centroids)
         exposure_s = np.array(centroids.exposure_s)
         status = self._tracker.status_of(
             'st_track', stamp_ns, table.ctypes.data, len(table), exposure_s.ctypes.data,
             self._tracking_at)
         if status == _NOT_NEWER:
-            self._look()
+            self.look()
             return None
         native.check(status)
-        self._stamp_ns = stamp_ns
-        self._look()
-        return Tracks.of(self._tracker.listed('st_tracks', native.STAR_TRACK))
+        self.look(stamp_ns)
+        return self.tracks
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
@@ -161,12 +155,12 @@ class TrackFilter:
 
         Frames with too few stars or a poor fit are ignored, and those that update() left out.
         """
-        self._observers.look(stamp_ns)
+        self._tracker.look(stamp_ns)
         table = native_centroids(centroids)
         identified = native_identified(hip, len(table))
         self._tracker.call('st_add_identification', stamp_ns, table.ctypes.data,
                            identified.ctypes.data, len(table), self._tracking_at)
-        self._look()
+        self.look()
 
     def acquire_new_stars(self) -> None:
         """
@@ -178,45 +172,82 @@ class TrackFilter:
 
     # --- what is known ---
 
-    def _look(self) -> None:
-        """Take the figures of the last call."""
+    def look(self, stamp_ns: int | None = None, kept: np.ndarray | None = None) -> None:
+        """
+        Take the figures of the last call; with the stamp of a frame that it was of.
+
+        kept is a copy of its TRACKING where there is one.
+        """
+        if stamp_ns is not None:
+            self._stamp_ns = stamp_ns
         (state, gyro, *_, self.stars_matched, self.frames_since_fix, self.late_frames,
          self.rejected_centroids, self.checks_passed) = self._whole.tolist()
         self.state, self.gyro_condition = _STATES[state], _CONDITIONS[gyro]
         self.residual_px, self.stamp_sigma_s = self._figures.tolist()
-        self.reason, self.contradiction, self.gyro_trouble = (
-            reason_text(reason) for reason in self._reasons)
-        self._attitude = None
+        self._kept = kept
+        self._attitude: TrackedAttitude | None = None
+
+    def look_again(self) -> None:
+        """Take what is known after an identification that is part of a call for a frame."""
+        self._tracker.call('st_known', self._tracking_at)
+        self.look()
+
+    @property
+    def kept(self) -> np.ndarray:
+        """Return the TRACKING of the last call, which stays."""
+        if self._kept is None:
+            self._kept = self._tracking.copy()
+        return self._kept
+
+    @property
+    def reason(self) -> str:
+        """Return why the state is this one."""
+        return reason_text(self._tracking['reason'])
+
+    @property
+    def contradiction(self) -> str:
+        """Return why the stars of the newest frame are no attitude although some agree."""
+        return reason_text(self._tracking['contradiction'])
+
+    @property
+    def gyro_trouble(self) -> str:
+        """Return why the rates of a gyro are not used, empty where they are."""
+        return reason_text(self._tracking['gyro_trouble'])
+
+    @property
+    def tracks(self) -> Tracks:
+        """Return the tracks of the newest frame."""
+        return Tracks.of(self._tracker.listed('st_tracks', native.STAR_TRACK))
 
     @property
     def attitude(self) -> TrackedAttitude | None:
         """Return the attitude of the newest frame, None unless its stars agree on one."""
-        attitude = self._tracking['attitude']
-        if self._attitude is None and attitude['valid']:
+        if self._attitude is None and self._tracking['attitude']['valid']:
+            attitude = self.kept['attitude']
             self._attitude = TrackedAttitude(
-                attitude_of(attitude, self._tracking['budget']), attitude['rate_rad_s'].copy(),
-                attitude['rate_covariance'].copy())
+                attitude_of(attitude, self.kept['budget']), attitude['rate_rad_s'],
+                attitude['rate_covariance'])
         return self._attitude
 
     @property
     def cross_covariance(self) -> np.ndarray | None:
         """Return that (3, 3) of the errors of attitude and rate, None where it is not known."""
-        cross = self._tracking['attitude']['cross_covariance'].copy()
+        cross = self.kept['attitude']['cross_covariance']
         return None if np.isnan(cross[0, 0]) else cross
 
     @property
     def acceleration(self) -> Acceleration:
         """Return the angular acceleration at the last frame."""
-        attitude = self._tracking['attitude']
-        return Acceleration(*(attitude[name].copy() for name in (
+        attitude = self.kept['attitude']
+        return Acceleration(*(attitude[name] for name in (
             'acceleration_rad_s2', 'acceleration_sigma_rad_s2', 'jerk_rad_s3',
             'acceleration_sigma_before_rad_s2')))
 
     @property
     def frame_attitude(self) -> AttitudeEstimate | None:
         """Return the attitude of the newest frame by its stars alone, of a model that has one."""
-        attitude = self._tracking['frame_attitude']
-        return attitude_of(attitude, self._tracking['frame_budget']) if attitude['valid'] else None
+        attitude = self.kept['frame_attitude']
+        return attitude_of(attitude, self.kept['frame_budget']) if attitude['valid'] else None
 
     @property
     def predicted(self) -> PredictedCentroids | None:
@@ -237,3 +268,12 @@ class TrackFilter:
     def follows(self) -> bool:
         """Return whether the stars of the last frame were where the tracks have them."""
         return self.state is TrackerState.TRACKING and not self.frames_since_fix
+
+
+def set_tracking(config: np.ndarray, options: TrackerOptions, gyro: GyroErrorOptions) -> None:
+    """Set options of a CONFIG, with room for any change of those that are live."""
+    capacities = config['capacities']
+    capacities['centroids'], capacities['tracks'] = MOST_CENTROIDS, MOST_TRACKS
+    capacities['rates'] = MOST_RATES
+    set_options(config['gyro'], gyro)
+    set_options(config['tracking'], options, **_CHOICES)

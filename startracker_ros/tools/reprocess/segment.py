@@ -156,19 +156,19 @@ class SegmentRun:
         self._newest_ns = stamp_ns
         pipeline = self._pipeline_at(stamp_ns, message.log_time_ns)
         if message.type_name == IMAGE:
-            extraction = pipeline.extraction.process(
-                stamp_ns, content.pixels, pipeline.tracker.predicted, cell=content.cell,
-                exposure_s=self._exposures.at(stamp_ns))
-            content = extraction.centroids, pipeline.extraction.windowed
-        frame = pipeline.process_centroids(stamp_ns, *content)
+            frame = pipeline.process(stamp_ns, content.pixels, cell=content.cell,
+                                     exposure_s=self._exposures.at(stamp_ns))
+        else:
+            frame = pipeline.process_centroids(stamp_ns, *content)
+        seen = frame.centroids
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
-        stars, fit = self._fit(content[0], frame, pipeline)
+        stars, fit = self._fit(seen, frame, pipeline)
         if holds:
-            self._record(stamp_ns, content[0], frame, pipeline)
+            self._record(stamp_ns, seen, frame, pipeline)
             self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, stars,
                              fit)
         if message.log_time_ns < self._segment.end_ns:
-            self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
+            self._leftovers.add(stamp_ns, self._camera, seen, frame, pipeline,
                                 np.nan if fit is None else fit.zero_point_mag, holds)
         if self._smoothing is not None:
             attitude = frame.attitude

@@ -73,8 +73,8 @@ def rejected(matches, misses, residual_sigmas, blended=False, false=0):
     star, residual = np.full(len(seen), -1, np.int32), np.full(len(seen), np.nan)
     star[:matches], residual[:matches] = np.arange(matches), residual_sigmas * SIGMA
     matcher = StarMatcher(CAMERA, sky, {}, Rules(0.005))
-    return call('stt_lens_mismatch', matcher._handle, seen, star, residual, len(seen), RADIUS,
-                SIGMA, matches - 3, CHANCE)
+    return call('stt_lens_mismatch', matcher._tracker.handle, seen, star, residual, len(seen),
+                RADIUS, SIGMA, matches - 3, CHANCE)
 
 
 @pytest.mark.slow

@@ -36,7 +36,8 @@ def matcher(identifier):
 def ends_after(matcher, count, tested=1000, most=1e-5, sigma_px=0.3, cost_ns=1e4):
     """Return the number of triangles of count stars after which the search ends."""
     return next(number for number in range(comb(count, 3) + 1) if kernels().stt_is_searched(
-        matcher._handle, sigma_px * CAMERA.pixel_rad, count, number, cost_ns, tested, most))
+        matcher._tracker.handle, sigma_px * CAMERA.pixel_rad, count, number, cost_ns, tested,
+        most))
 
 
 def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):

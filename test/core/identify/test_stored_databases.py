@@ -290,7 +290,7 @@ def test_searches_of_one_database_share_its_catalogue():
     database = PyramidIdentifier(CAMERA, 2020.0, BRIGHT)
     other = database.with_camera(replace(CAMERA, fy=0.9 * CAMERA.fy), BRIGHT)
     assert other.onboard is database.onboard and other.pairs is database.pairs
-    kept = [array.__array_interface__['data'][0] for array in other._matcher._arrays]
+    kept = [array.__array_interface__['data'][0] for array in other.native_patterns()[1]]
     # Nothing is copied.
     assert database.onboard.grid.start.__array_interface__['data'][0] in kept
     assert database.onboard.direction.__array_interface__['data'][0] in kept

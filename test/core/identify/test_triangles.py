@@ -35,7 +35,7 @@ class Triangles(StarMatcher):
         best, count = np.empty((5, 3), np.int32), np.zeros(1, np.int32)
         kept = self._set_stars(image, sigma)
         tested = kernels().stt_triangles(
-            self._handle, self._stars.ctypes.data, np.int32(base).ctypes.data, most_ns,
+            self._tracker.handle, self._stars.ctypes.data, np.int32(base).ctypes.data, most_ns,
             best.ctypes.data, count.ctypes.data)
         del kept
         return best[:count[0]], tested
@@ -44,7 +44,7 @@ class Triangles(StarMatcher):
         """Return the triangles (M, 3) in their order."""
         triangles, kept = np.empty((most, 3), np.int32), self._set_stars(image, sigma)
         count = kernels().stt_triangle_order(
-            self._handle, self._stars.ctypes.data, triangles.ctypes.data, most)
+            self._tracker.handle, self._stars.ctypes.data, triangles.ctypes.data, most)
         del kept
         return triangles[:count]
 

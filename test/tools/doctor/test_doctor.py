@@ -53,7 +53,7 @@ def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
 
 def test_the_native_core_is_named_or_what_to_do(monkeypatch):
     row = install.check_native()
-    assert row.holds and 'interface 2' in row.result and row.result.endswith('libstartracker.so')
+    assert row.holds and 'interface 3' in row.result and row.result.endswith('libstartracker.so')
     monkeypatch.setattr(native, 'VERSION', 99)
     native.library.cache_clear()
     row = install.check_native()
