@@ -169,6 +169,8 @@ HEAD = _struct(reason=REASON, noise_scale='f8', **_numbers(
 MOUNT_STEP = _struct(stamp_ns='i8', size_rad=_VECTOR, sigma_rad=_VECTOR,
                      **_numbers('head reserved', 'i4'))
 
+READOUT = _struct(**_numbers('full_well_e read_noise_e dn_per_e bias_dn top_dn', 'f4'))
+
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
 """All structs by their name in the header."""
@@ -249,7 +251,15 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_fusion_head': (_STATUS, (_POINTER, _HEAD, _STAMP, _POINTER)),
     'st_fusion_mount': (_STATUS, (_POINTER, _HEAD, _STAMP, *(_POINTER,) * 3)),
     'st_fusion_learnt': (_STATUS, (_POINTER, _HEAD, _POINTER)),
-    'st_fusion_steps': (_POINTER, (_POINTER, _POINTER))}
+    'st_fusion_steps': (_POINTER, (_POINTER, _POINTER)),
+    'st_alias_tables': (None, (_POINTER, _COUNT, _POINTER)),
+    'st_read_out': (None, (_POINTER, _COUNT, ctypes.c_uint64, *(_POINTER,) * 5)),
+    'st_digitise': (None, (_POINTER, _COUNT, _POINTER, _POINTER)),
+    'st_add_starlight': (None, (*(_POINTER,) * 3, _COUNT, _POINTER, _FLAG, _FLAG, _POINTER)),
+    'st_add_trails': (None, (_POINTER, _COUNT, _NUMBER, _NUMBER, _POINTER, _FLAG, _FLAG,
+                             _POINTER)),
+    'st_add_tracks': (None, (_POINTER, _COUNT, _FLAG, _FLAG, _POINTER)),
+    'st_bloom': (None, (_POINTER, _FLAG, _FLAG, _NUMBER))}
 """What each function returns and takes."""
 
 
