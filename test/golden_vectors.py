@@ -34,6 +34,7 @@ from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
+from startracker_ros.core.camera.native_camera import image_jacobian, native_camera
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.image_tracker import aligned
@@ -54,14 +55,14 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.native import check_sky, NativeError
 from startracker_ros.core.native_tracker import (
-    native_camera, native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
+    native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.core.track.association import (
     associate, DetectionModel, event_weights, gate_size, gated_density)
-from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
+from startracker_ros.core.track.motion_models import constant_velocity
 
 FOLDER = Path(__file__).parent / 'conformance'
 EPOCH_YEAR = 2026.5

@@ -139,6 +139,17 @@ ST_API st_status st_verify_quads(st_tracker *tracker, const st_image_stars *star
                                  double least_support, double tested, int32_t *best,
                                  double *false_alarm_probability);
 
+/* ---- orbits -------------------------------------------------------------------------------- */
+
+/* Of a body that turns about z: a point mass and its J2, for an equatorial radius. */
+typedef struct {
+    double mu_m3_s2, radius_m, j2;
+} st_gravity;
+
+/* Advance a state, position in m and velocity in m/s, by so many steps. */
+ST_API void st_propagate_orbit(const st_gravity *gravity, double step_s, int32_t steps,
+                               double state[6]);
+
 /* ---- checks of integrity: docs/integrity.md has their evidence and what follows ------------- */
 
 #define ST_MOST_LIMITS 6

@@ -142,6 +142,7 @@ PATTERNS = _struct(
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
 
+GRAVITY = _struct(**_numbers('mu_m3_s2 radius_m j2'))
 LIMIT = _struct(name='u8', value='f8')
 CHECK = _struct(
     name='u8', **_numbers('probability threshold'), **_numbers('dof frames reason limits', 'i4'),
@@ -239,6 +240,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
     'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
+    'st_propagate_orbit': (None, (_POINTER, _NUMBER, _FLAG, _POINTER)),
     'st_checks': (_POINTER, (_POINTER,)),
     'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
     'st_fusion_size': (_STATUS, (_POINTER,) * 3),

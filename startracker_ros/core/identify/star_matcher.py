@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.image_tracker import aligned
@@ -277,14 +277,6 @@ def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_flo
         ctypes.byref(count)))
     chosen = slice(count.value)
     return index[chosen].astype(int), direction[chosen], sigma_rad[chosen]
-
-
-def native_camera(camera: Camera) -> np.ndarray:
-    """Return a camera as an st_camera."""
-    terms = np.zeros(8)
-    terms[:len(camera.distortion)] = camera.distortion
-    return np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-                     terms, list(MODELS).index(camera.distortion_model), 0), native.CAMERA)
 
 
 def _spread(column: np.ndarray, count: int, rows: np.ndarray, empty: float) -> np.ndarray:

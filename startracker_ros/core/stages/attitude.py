@@ -10,6 +10,7 @@ from startracker_ros.core import native
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.result import SOLVERS
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.cache import camera_stars
@@ -17,8 +18,8 @@ from startracker_ros.core.integrity.protection import ProtectionOptions
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.integrity.validation import TrustedAttitude, ValidationOptions
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified,
-    native_sky, NativeTracker, ObserverInput, set_options, TRUSTS)
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified, native_sky, NativeTracker,
+    ObserverInput, set_options, TRUSTS)
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 

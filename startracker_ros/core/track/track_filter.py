@@ -11,14 +11,15 @@ from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified, native_sky,
-    NativeTracker, ObserverInput, set_options, TRACKS)
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified, native_sky, NativeTracker,
+    ObserverInput, set_options, TRACKS)
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
 from startracker_ros.core.track.tracks import Acceleration, Hint, TrackedAttitude, Tracks
