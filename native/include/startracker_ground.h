@@ -139,6 +139,29 @@ ST_API st_status st_verify_quads(st_tracker *tracker, const st_image_stars *star
                                  double least_support, double tested, int32_t *best,
                                  double *false_alarm_probability);
 
+/* ---- the filter of single stars ------------------------------------------------------------- */
+
+/* gate is a squared Mahalanobis distance, gate_probability that of a detected star to be inside it,
+ * detection_probability that of a star to have a centroid, image_px2 the area of the image. clutter_px2
+ * is the density of false centroids; 0: as association, an st_association, has it. */
+typedef struct {
+    double gate, gate_probability, detection_probability, image_px2, clutter_px2;
+    int32_t association, reserved;
+} st_detection;
+
+/* Bytes of memory of st_cycle() for so many tracks and centroids at most, aligned to 64. */
+ST_API st_status st_cycle_size(size_t tracks, size_t centroids, size_t *bytes);
+
+/* A cycle of the filter of Sadeghi, Sabahi and Saberali, as the tracker does it for constant_velocity and
+ * coordinated_turn: prediction, JPDA, update. state (tracks, 4) is [u, u_rate, v, v_rate] in px and
+ * px/s with covariance (tracks, 4, 4); transition and noise (4, 4); centroids uv (centroids, 2) of
+ * variance (centroids) px^2 per axis. probability (tracks, centroids + 1), null or filled, has that of a
+ * missed star first. All are finite, variances positive, covariances positive semidefinite. */
+ST_API st_status st_cycle(void *memory, size_t bytes, const st_detection *detection,
+                          const double transition[16], const double noise[16], double *state,
+                          double *covariance, size_t tracks, const double *uv,
+                          const double *variance, size_t centroids, double *probability);
+
 /* ---- orbits -------------------------------------------------------------------------------- */
 
 /* Of a body that turns about z: a point mass and its J2, for an equatorial radius. */

@@ -142,6 +142,9 @@ PATTERNS = _struct(
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
 
+DETECTION = _struct(
+    **_numbers('gate gate_probability detection_probability image_px2 clutter_px2'),
+    **_numbers('association reserved', 'i4'))
 GRAVITY = _struct(**_numbers('mu_m3_s2 radius_m j2'))
 LIMIT = _struct(name='u8', value='f8')
 CHECK = _struct(
@@ -240,6 +243,9 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
     'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
+    'st_cycle_size': (_STATUS, (_COUNT, _COUNT, _POINTER)),
+    'st_cycle': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5, _COUNT, _POINTER, _POINTER, _COUNT,
+                           _POINTER)),
     'st_propagate_orbit': (None, (_POINTER, _NUMBER, _FLAG, _POINTER)),
     'st_checks': (_POINTER, (_POINTER,)),
     'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
