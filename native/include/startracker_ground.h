@@ -162,6 +162,32 @@ ST_API st_status st_cycle(void *memory, size_t bytes, const st_detection *detect
                           double *covariance, size_t tracks, const double *uv,
                           const double *variance, size_t centroids, double *probability);
 
+/* ---- the stars of one frame by themselves --------------------------------------------------- */
+
+/* Apparent direction (count, 3) on ICRF axes, place uv (count, 2) and sigma_px (count) of each. */
+typedef struct {
+    const double *direction, *uv, *sigma_px;
+    int32_t count, reserved;
+} st_tracked_stars;
+
+/* turn_rad about sensor axes to the best fit, with its covariance; lens are the normal equations of changes
+ * f of the focal ratio and k of k1, the attitude eliminated: ff, fk, kk, f, k. No stars: less than
+ * four have a centroid. */
+typedef struct {
+    double turn_rad[3], covariance_rad2[3][3], lens[5];
+    int32_t stars, reserved;
+} st_frame_fit;
+
+/* Fit, about an attitude, the stars that have one of the centroids uv (centroids, 2) within 5 sigma. star
+ * and centroid (fit->stars) are these pairs, residual (fit->stars, 2) rad to the east and north of each
+ * star, as the others see it, sigma_rad (fit->stars); the capacity of all is stars->count. camera is one
+ * that st_check_camera() accepts. */
+ST_API st_status st_fit_frame(const st_camera *camera, const double quaternion[4],
+                              const st_tracked_stars *stars, const double *uv,
+                              const double *sigma_px, size_t centroids, st_frame_fit *fit,
+                              int32_t *star, int32_t *centroid, double *residual,
+                              double *sigma_rad);
+
 /* ---- orbits -------------------------------------------------------------------------------- */
 
 /* Of a body that turns about z: a point mass and its J2, for an equatorial radius. */

@@ -145,6 +145,10 @@ VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_pr
 DETECTION = _struct(
     **_numbers('gate gate_probability detection_probability image_px2 clutter_px2'),
     **_numbers('association reserved', 'i4'))
+TRACKED_STARS = _struct(**_numbers('direction uv sigma_px', 'u8'),
+                        **_numbers('count reserved', 'i4'))
+FRAME_FIT = _struct(turn_rad=_VECTOR, covariance_rad2=_MATRIX, lens=('f8', 5),
+                    **_numbers('stars reserved', 'i4'))
 GRAVITY = _struct(**_numbers('mu_m3_s2 radius_m j2'))
 LIMIT = _struct(name='u8', value='f8')
 CHECK = _struct(
@@ -246,6 +250,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_cycle_size': (_STATUS, (_COUNT, _COUNT, _POINTER)),
     'st_cycle': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5, _COUNT, _POINTER, _POINTER, _COUNT,
                            _POINTER)),
+    'st_fit_frame': (_STATUS, (*(_POINTER,) * 5, _COUNT, *(_POINTER,) * 5)),
     'st_propagate_orbit': (None, (_POINTER, _NUMBER, _FLAG, _POINTER)),
     'st_checks': (_POINTER, (_POINTER,)),
     'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
@@ -284,7 +289,8 @@ def library(path: Path = LIBRARY) -> ctypes.CDLL:
     except (OSError, AttributeError) as error:
         raise NativeError(f'{path} is not a library of this version and machine ({error}): '
                           f'{REMEDY}') from error
-    status = loaded.st_check_abi(this_abi().ctypes.data)
+    abi = this_abi()
+    status = loaded.st_check_abi(abi.ctypes.data)
     if status:
         raise NativeError(f'{path}: {loaded.st_status_text(status).decode()}: {REMEDY}')
     return loaded

@@ -90,7 +90,8 @@ class ObserverInput:
         observer, given = self._motion.at(stamp_ns), self._given
         if given is None or observer is not given[1] or stamp_ns < given[0]:
             self._given = stamp_ns, observer
-            self._tracker.call('st_add_observer', stamp_ns, native_observer(observer).ctypes.data)
+            made = native_observer(observer)
+            self._tracker.call('st_add_observer', stamp_ns, made.ctypes.data)
 
     def reset(self) -> None:
         """Forget what was given, as the tracker does."""

@@ -85,9 +85,9 @@ class ImageTracker:
 
     def change_options(self, options: dict[str, Any]) -> None:
         """Use options of which only live ones differ; NativeError for others."""
-        fault = np.zeros((), native.FAULT)
+        config, fault = _config(options), np.zeros((), native.FAULT)
         native.check(self._library.st_change_options(
-            self._handle, _config(options).ctypes.data, fault.ctypes.data), fault)
+            self._handle, config.ctypes.data, fault.ctypes.data), fault)
 
     def reset(self) -> None:
         """Forget the images before."""

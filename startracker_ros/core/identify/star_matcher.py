@@ -270,9 +270,9 @@ def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_flo
     table[:, :2], table[:, 4] = centroids.uv, centroids.sigma_px
     index, direction, sigma_rad = (
         np.empty(max_stars, np.int32), np.empty((max_stars, 3)), np.empty(max_stars))
-    count = ctypes.c_size_t(max_stars)
+    lens, count = native_camera(camera), ctypes.c_size_t(max_stars)
     native.check(native.library().st_usable_stars(
-        native_camera(camera).ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
+        lens.ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
         sigma_floor_px, index.ctypes.data, direction.ctypes.data, sigma_rad.ctypes.data,
         ctypes.byref(count)))
     chosen = slice(count.value)
