@@ -120,7 +120,7 @@ ST_CLONES_512 void take_cells(const Draw &draw, int count, float *__restrict dra
 /// The sum of Poisson draws is Poisson. d is below 1/4: counts above 5, of probability 1e-8, are left
 /// out.
 ST_CLONES_512 void add_remainder(const float *__restrict mean, const Draw &draw, int count,
-                             float *__restrict drawn) {
+                                 float *__restrict drawn) {
     constexpr auto THIRD = static_cast<float>(1.0 / 3), FIFTH = static_cast<float>(1.0 / 5);
     for (int i = 0; i < count; ++i) {
         const float uniform = static_cast<float>(static_cast<int>(draw.high[i] >> 8U)) * 0x1p-24F;
@@ -163,7 +163,7 @@ void draw_normals(uint64_t key, uint64_t first, const uint32_t *table, int count
 
 /// Replace draws of means of 64 or more; normals become Poisson draws.
 ST_CLONES_512 void take_large_poisson(const float *__restrict mean, int count,
-                                  float *__restrict normal, float *__restrict drawn) {
+                                      float *__restrict normal, float *__restrict drawn) {
     float bounded[BLOCK];
     for (int i = 0; i < count; ++i) {
         const float least = mean[i] > TABLED_MEAN ? mean[i] : TABLED_MEAN;
@@ -225,15 +225,15 @@ void draw_poisson(uint64_t key, uint64_t first, const float *mean, int count,
 
 /// Add read noise to electrons up to the full well.
 ST_CLONES_512 void amplify(const st_readout &readout, const float *__restrict noise, int count,
-                       float *__restrict electrons) {
+                           float *__restrict electrons) {
     for (int i = 0; i < count; ++i) {
         const float kept = electrons[i] < readout.full_well_e ? electrons[i] : readout.full_well_e;
         electrons[i] = kept + readout.read_noise_e * noise[i];
     }
 }
 
-ST_CLONES_512 void digitise(const float *__restrict electrons, int count, const st_readout &readout,
-                        uint16_t *__restrict image) {
+ST_CLONES_512 void digitise(const float *__restrict electrons, int count,
+                            const st_readout &readout, uint16_t *__restrict image) {
     const float zero_dn = readout.bias_dn + 0.5F;
     for (int i = 0; i < count; ++i) {
         float dn = electrons[i] * readout.dn_per_e + zero_dn;

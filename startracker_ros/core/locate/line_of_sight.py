@@ -37,8 +37,8 @@ def line_of_sight(camera: Camera, uv: np.ndarray, sigma_px: float, quaternion: n
     rotation about ICRF axes; position_m (3,) with covariance (3, 3) in m^2. ValueError for a
     quaternion that is not of unit length.
 
-    The covariance of the direction d = R s is sigma^2 J J' + [d]x C [d]x', with J = R ds/d(u, v) and
-    the attitude covariance C. Under a turn e of the sensor s changes by s x e.
+    The covariance of the direction d = R s is sigma^2 J J' + [d]x C [d]x', J = R ds/d(u, v) and C
+    that of the attitude. Under a turn e of the sensor s changes by s x e.
     """
     if not abs(math.hypot(*quaternion) - 1) < 1e-6:
         raise ValueError(f'quaternion {np.asarray(quaternion).tolist()} is no attitude')

@@ -9,7 +9,7 @@ range: r x V_j = R_j x V_j. Errors e_R of the position and e_V of the direction 
 e_R + rho_j e_V, of which only the component across V_j matters.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def triangulate(position: np.ndarray, direction: np.ndarray, covariance: np.ndar
     """
     status = np.full(len(position), LOCATED)
 
-    def reject(wrong: np.ndarray, reason: int) -> None:
+    def reject(wrong: Any, reason: int) -> None:
         status[wrong & (status == LOCATED)] = reason
     with np.errstate(all='ignore'):
         square = np.einsum('nji,nji->nj', direction, direction)

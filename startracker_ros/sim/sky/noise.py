@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.native import library, READOUT
 
-# As native/src/sim/noise.cpp has them: cells of every table; those of the normal table per standard
-# deviation, from -8 sigma on; Poisson tables per unit of the mean, below 64.
+# As native/src/sim/noise.cpp has them: cells of every table; those of the normal table per
+# standard deviation, from -8 sigma on; Poisson tables per unit of the mean, below 64.
 _CELLS = 256
 _PER_SIGMA = 16
 _TABLES_PER_UNIT = 4

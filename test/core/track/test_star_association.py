@@ -99,7 +99,8 @@ def test_a_cycle_is_that_of_all_matrices(association, seed):
             new_covariance[r], P - expected[r, 1:].sum() * K @ S @ K.T + K @ spread @ K.T,
             rtol=0, atol=1e-9)
     if confirmed is None:
-        tracks = StarFilter(DETECTION._replace(association=association), state, covariance, len(uv))
+        tracks = StarFilter(
+            DETECTION._replace(association=association), state, covariance, len(uv))
         at_once = tracks.step(np.eye(4), np.zeros((4, 4)), uv, variance)
         np.testing.assert_allclose(at_once, expected, rtol=0, atol=1e-12)
         np.testing.assert_allclose(tracks.state, new_state, rtol=1e-12)
