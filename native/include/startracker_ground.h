@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Tools on the ground: single images, and candidates for their stars, for photographs, data sheets,
- * methods of papers and tests. A flight program needs startracker.h alone.
+ * Tools on the ground: single images, candidates for their stars, tracks of single stars, fits of single
+ * frames and orbits, for photographs, reprocessing, methods of papers and tests. A flight program needs
+ * startracker.h alone.
  *
  * Each call for an image uses the memory of a tracker with the stage ST_EXTRACTS, and its options,
  * but nothing of what the tracker knows of images before, which stays. The lists of what was found are those of
