@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import zlib
 
 from directions import blurred, field, unit
-from native_bank import coordinated_turn
+from native_bank import associate, coordinated_turn, predict, update
 from native_core import filled
 import numpy as np
 from skies import onboard_stars, SMALL_CAMERA, START_NS
@@ -34,6 +34,7 @@ from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
+from startracker_ros.core.camera.native_camera import image_jacobian, native_camera
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.native import aligned
@@ -54,14 +55,12 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.native import check_sky, NativeError
 from startracker_ros.core.native_tracker import (
-    native_camera, native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
+    native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
-from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.stored_arrays import write_arrays
-from startracker_ros.core.track.association import (
-    associate, DetectionModel, event_weights, gate_size, gated_density)
-from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
+from startracker_ros.core.track.association import DetectionModel
+from startracker_ros.core.track.motion_models import constant_velocity
 
 FOLDER = Path(__file__).parent / 'conformance'
 EPOCH_YEAR = 2026.5
@@ -443,14 +442,21 @@ def association_outputs(values: Values) -> Values:
     predicted, covariance = arrays(values, 'predicted', 'covariance')
     uv, error = (array.reshape(-1, *shape) for array, shape in zip(
         arrays(values, 'uv', 'error'), ((2,), (2, 2))))
-    gate = gate_size(values['gate_probability'])
-    density = gated_density(predicted, covariance, uv, error, gate)
-    probability, unassociated = associate(predicted, covariance, uv, error, DetectionModel(
-        gate, values['gate_probability'], values['detection_probability'], values['image_px2']))
+    detection = DetectionModel(values['gate_probability'], values['detection_probability'],
+                               values['image_px2'])
+    probability, unassociated, _ = associate(predicted, covariance, uv, error,
+                                             (detection.gate, *detection[:3]))
+    # By the definition: the density of a centroid about a prediction, 0 outside the gate.
+    S = covariance[:, None] + error
+    offset = uv - predicted[:, None]
+    distance2 = np.einsum('nmi,nmij,nmj->nm', offset, np.linalg.inv(S), offset)
+    density = np.where(distance2 <= detection.gate, np.exp(-distance2 / 2) / (
+        2 * np.pi * np.sqrt(np.linalg.det(S))), 0.0)
     clutter_px2 = (1 + np.count_nonzero(unassociated)) / values['image_px2']
-    return {'gate': gate, 'density': density, 'unassociated': unassociated,
-            'weight': event_weights(density, values['detection_probability'],
-                                    values['gate_probability'], clutter_px2),
+    missed = 1 - values['detection_probability'] * values['gate_probability']
+    weight = density * (values['detection_probability'] / clutter_px2)
+    return {'gate': detection.gate, 'density': density, 'unassociated': unassociated,
+            'weight': np.column_stack([np.full(len(weight), missed), weight]),
             'probability': probability}
 
 

@@ -12,14 +12,13 @@ from typing import NamedTuple
 from native_core import call
 import numpy as np
 from startracker_ros.core import native
-from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera as camera_struct
 from startracker_ros.core.catalog.sky_grid import sky_grid
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.core.track.options import ASSOCIATIONS
 
-LENSES = list(MODELS)
 CAMERAS = (
     Camera.from_fov(512, 512, 20.0),
     replace(Camera.from_fov(512, 512, 12.0), distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0)),
@@ -37,16 +36,6 @@ def real(array) -> np.ndarray:
 
 def whole(array) -> np.ndarray:
     return np.ascontiguousarray(array, np.int32)
-
-
-def camera_struct(camera) -> np.ndarray:
-    made = np.zeros((), native.CAMERA)
-    made['width_px'], made['height_px'] = camera.width, camera.height
-    made['fx_px'], made['fy_px'] = camera.fx, camera.fy
-    made['cx_px'], made['cy_px'] = camera.cx, camera.cy
-    made['distortion'][:len(camera.distortion)] = camera.distortion
-    made['model'] = LENSES.index(camera.distortion_model)
-    return made
 
 
 def centroid_structs(centroids) -> np.ndarray:

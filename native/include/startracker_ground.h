@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Tools on the ground: single images, and candidates for their stars, for photographs, data sheets,
- * methods of papers and tests. A flight program needs startracker.h alone.
+ * Tools on the ground: single images, candidates for their stars, tracks of single stars, fits of single
+ * frames and orbits, for photographs, reprocessing, methods of papers and tests. A flight program needs
+ * startracker.h alone.
  *
  * Each call for an image uses the memory of a tracker with the stage ST_EXTRACTS, and its options,
  * but nothing of what the tracker knows of images before, which stays. The lists of what was found are those of
@@ -139,6 +140,66 @@ ST_API st_status st_verify_quads(st_tracker *tracker, const st_image_stars *star
                                  const int32_t *base, const int32_t *pattern, size_t count,
                                  double least_support, double tested, int32_t *best,
                                  double *false_alarm_probability);
+
+/* ---- the filter of single stars ------------------------------------------------------------- */
+
+/* gate is a squared Mahalanobis distance, gate_probability that of a detected star to be inside it,
+ * detection_probability that of a star to have a centroid, image_px2 the area of the image. clutter_px2
+ * is the density of false centroids; 0: as association, an st_association, has it. */
+typedef struct {
+    double gate, gate_probability, detection_probability, image_px2, clutter_px2;
+    int32_t association, reserved;
+} st_detection;
+
+/* Bytes of memory of st_cycle() for so many tracks and centroids at most, aligned to 64. */
+ST_API st_status st_cycle_size(size_t tracks, size_t centroids, size_t *bytes);
+
+/* A cycle of the filter of Sadeghi, Sabahi and Saberali, as the tracker does it for constant_velocity and
+ * coordinated_turn: prediction, JPDA, update. state (tracks, 4) is [u, u_rate, v, v_rate] in px and
+ * px/s with covariance (tracks, 4, 4); transition and noise (4, 4); centroids uv (centroids, 2) of
+ * variance (centroids) px^2 per axis. probability (tracks, centroids + 1), null or filled, has that of a
+ * missed star first. All are finite, variances positive, covariances positive semidefinite. */
+ST_API st_status st_cycle(void *memory, size_t bytes, const st_detection *detection,
+                          const double transition[16], const double noise[16], double *state,
+                          double *covariance, size_t tracks, const double *uv,
+                          const double *variance, size_t centroids, double *probability);
+
+/* ---- the stars of one frame by themselves --------------------------------------------------- */
+
+/* Apparent direction (count, 3) on ICRF axes, place uv (count, 2) and sigma_px (count) of each. */
+typedef struct {
+    const double *direction, *uv, *sigma_px;
+    int32_t count, reserved;
+} st_tracked_stars;
+
+/* turn_rad about sensor axes to the best fit, with its covariance; lens are the normal equations of changes
+ * f of the focal ratio and k of k1, the attitude eliminated: ff, fk, kk, f, k. No stars: less than
+ * four have a centroid. */
+typedef struct {
+    double turn_rad[3], covariance_rad2[3][3], lens[5];
+    int32_t stars, reserved;
+} st_frame_fit;
+
+/* Fit, about an attitude, the stars that have one of the centroids uv (centroids, 2) within 5 sigma. star
+ * and centroid (fit->stars) are these pairs, residual (fit->stars, 2) rad to the east and north of each
+ * star, as the others see it, sigma_rad (fit->stars); the capacity of all is stars->count. camera is one
+ * that st_check_camera() accepts. */
+ST_API st_status st_fit_frame(const st_camera *camera, const double quaternion[4],
+                              const st_tracked_stars *stars, const double *uv,
+                              const double *sigma_px, size_t centroids, st_frame_fit *fit,
+                              int32_t *star, int32_t *centroid, double *residual,
+                              double *sigma_rad);
+
+/* ---- orbits -------------------------------------------------------------------------------- */
+
+/* Of a body that turns about z: a point mass and its J2, for an equatorial radius. */
+typedef struct {
+    double mu_m3_s2, radius_m, j2;
+} st_gravity;
+
+/* Advance a state, position in m and velocity in m/s, by so many steps. */
+ST_API void st_propagate_orbit(const st_gravity *gravity, double step_s, int32_t steps,
+                               double state[6]);
 
 /* ---- checks of integrity: docs/integrity.md has their evidence and what follows ------------- */
 

@@ -144,6 +144,14 @@ PATTERNS = _struct(
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
 
+DETECTION = _struct(
+    **_numbers('gate gate_probability detection_probability image_px2 clutter_px2'),
+    **_numbers('association reserved', 'i4'))
+TRACKED_STARS = _struct(**_numbers('direction uv sigma_px', 'u8'),
+                        **_numbers('count reserved', 'i4'))
+FRAME_FIT = _struct(turn_rad=_VECTOR, covariance_rad2=_MATRIX, lens=('f8', 5),
+                    **_numbers('stars reserved', 'i4'))
+GRAVITY = _struct(**_numbers('mu_m3_s2 radius_m j2'))
 LIMIT = _struct(name='u8', value='f8')
 CHECK = _struct(
     name='u8', **_numbers('probability threshold'), **_numbers('dof frames reason limits', 'i4'),
@@ -170,6 +178,8 @@ HEAD = _struct(reason=REASON, noise_scale='f8', **_numbers(
     'not_counted_yet', 'i4'))
 MOUNT_STEP = _struct(stamp_ns='i8', size_rad=_VECTOR, sigma_rad=_VECTOR,
                      **_numbers('head reserved', 'i4'))
+
+READOUT = _struct(**_numbers('full_well_e read_noise_e dn_per_e bias_dn top_dn', 'f4'))
 
 STRUCTS = {f'st_{name.lower()}': kind for name, kind in list(globals().items())
            if isinstance(kind, np.dtype) and not name.startswith('_')}
@@ -244,6 +254,11 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
     'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
+    'st_cycle_size': (_STATUS, (_COUNT, _COUNT, _POINTER)),
+    'st_cycle': (_STATUS, (_POINTER, _COUNT, *(_POINTER,) * 5, _COUNT, _POINTER, _POINTER, _COUNT,
+                           _POINTER)),
+    'st_fit_frame': (_STATUS, (*(_POINTER,) * 5, _COUNT, *(_POINTER,) * 5)),
+    'st_propagate_orbit': (None, (_POINTER, _NUMBER, _FLAG, _POINTER)),
     'st_checks': (_POINTER, (_POINTER,)),
     'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
     'st_fusion_size': (_STATUS, (_POINTER,) * 3),
@@ -256,7 +271,15 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_fusion_head': (_STATUS, (_POINTER, _HEAD, _STAMP, _POINTER)),
     'st_fusion_mount': (_STATUS, (_POINTER, _HEAD, _STAMP, *(_POINTER,) * 3)),
     'st_fusion_learnt': (_STATUS, (_POINTER, _HEAD, _POINTER)),
-    'st_fusion_steps': (_POINTER, (_POINTER, _POINTER))}
+    'st_fusion_steps': (_POINTER, (_POINTER, _POINTER)),
+    'st_alias_tables': (None, (_POINTER, _COUNT, _POINTER)),
+    'st_read_out': (None, (_POINTER, _COUNT, ctypes.c_uint64, *(_POINTER,) * 5)),
+    'st_digitise': (None, (_POINTER, _COUNT, _POINTER, _POINTER)),
+    'st_add_starlight': (None, (*(_POINTER,) * 3, _COUNT, _POINTER, _FLAG, _FLAG, _POINTER)),
+    'st_add_trails': (None, (_POINTER, _COUNT, _NUMBER, _NUMBER, _POINTER, _FLAG, _FLAG,
+                             _POINTER)),
+    'st_add_tracks': (None, (_POINTER, _COUNT, _FLAG, _FLAG, _POINTER)),
+    'st_bloom': (None, (_POINTER, _FLAG, _FLAG, _NUMBER))}
 """What each function returns and takes."""
 
 
@@ -273,7 +296,8 @@ def library(path: Path = LIBRARY) -> ctypes.CDLL:
     except (OSError, AttributeError) as error:
         raise NativeError(f'{path} is not a library of this version and machine ({error}): '
                           f'{REMEDY}') from error
-    status = loaded.st_check_abi(this_abi().ctypes.data)
+    abi = this_abi()
+    status = loaded.st_check_abi(abi.ctypes.data)
     if status:
         raise NativeError(f'{path}: {loaded.st_status_text(status).decode()}: {REMEDY}')
     return loaded

@@ -16,12 +16,13 @@ from startracker_ros.core import native
 from startracker_ros.core.native import NativeError
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 
-INCLUDES = 'startracker.h', 'startracker_ground.h', 'startracker_fusion.h'
+INCLUDES = 'startracker.h', 'startracker_ground.h', 'startracker_fusion.h', 'startracker_sim.h'
 INCLUDE = ''.join(f'#include "{name}"\n' for name in INCLUDES)
 FLIGHT, *MORE = ((ROOT / 'native' / 'include' / name).read_text() for name in INCLUDES)
 HEADER = FLIGHT + ''.join(MORE)
 DECLARED = re.compile(r'ST_API [\w *]+?\b(st_\w+)\(')
-C_TYPES = {'f8': 'double', 'i4': 'int32_t', 'u4': 'uint32_t', 'i8': 'int64_t', 'u8': 'uint64_t'}
+C_TYPES = {'f4': 'float', 'f8': 'double', 'i4': 'int32_t', 'u4': 'uint32_t', 'i8': 'int64_t',
+           'u8': 'uint64_t'}
 NAMES = {id(kind): name for name, kind in native.STRUCTS.items()}
 
 

@@ -15,6 +15,7 @@ import pytest
 from skies import onboard_stars
 from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.identify.star_matcher import Rules, StarMatcher

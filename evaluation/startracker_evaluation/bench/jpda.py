@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 from rich.progress import track as progress
 from startracker_evaluation.extras import peer_versions
-from startracker_ros.core.centroid.centroids import round_errors
-from startracker_ros.core.papers.jpdaf import predict, update
-from startracker_ros.core.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+from startracker_ros.core.track.association import DetectionModel, StarFilter
 from startracker_ros.core.track.motion_models import constant_velocity
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.machine import installed_version, machine, PACKAGE
@@ -145,29 +142,23 @@ class Filter(ABC):
 
 
 class Ours(Filter):
-    """The functions that the star tracker calls."""
+    """The filter of the native core, which the star tracker uses."""
 
     def __init__(self, targets: Targets, clutter: int) -> None:
-        self._state, self._covariance = targets.state, targets.covariance
-        self._clutter_px2 = clutter / SIDE_PX ** 2
-        self._gate = gate_size(GATE_PROBABILITY)
+        self._filter = StarFilter(
+            DetectionModel(GATE_PROBABILITY, DETECTION_PROBABILITY, SIDE_PX ** 2,
+                           clutter / SIDE_PX ** 2),
+            targets.state, targets.covariance, max(map(len, targets.frames)))
 
     def measurements(self, uv: np.ndarray) -> Any:
         return uv, np.full(len(uv), _VARIANCE)
 
     def step(self, measurements: Any) -> None:
-        uv, variance = measurements
-        transition, noise = constant_velocity(DT_S, _ACCELERATION)
-        state, covariance = predict(self._state, self._covariance, transition, noise)
-        density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
-                                round_errors(variance), self._gate)
-        probability = joint_probabilities(event_weights(
-            density, DETECTION_PROBABILITY, GATE_PROBABILITY, self._clutter_px2))
-        self._state, self._covariance = update(state, covariance, uv, variance, probability)
+        self._filter.step(*constant_velocity(DT_S, _ACCELERATION), *measurements)
 
     @property
     def uv(self) -> np.ndarray:
-        return self._state[:, ::2]
+        return self._filter.state[:, ::2]
 
 
 class StoneSoup(Filter):

@@ -18,7 +18,7 @@ from startracker_ros.core.astro.orbit import Elements, orbit_frame, state_from_e
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.locate.line_of_sight import LineOfSight
 from startracker_ros.core.locate.location import locate, LocationOptions
-from startracker_ros.core.locate.triangulation import LOCATED, triangulate_all
+from startracker_ros.core.locate.triangulation import LOCATED, triangulate
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, quaternion_from_rotation_vector)
 
@@ -159,7 +159,7 @@ class Scene:
         position_m, direction = (np.stack(part, axis=1) for part in zip(*lines))
         covariance = np.stack([one.line_of_sight(mine).covariance
                                for one, mine in zip(self.observers, errors)])
-        status, located_m, covariance_m2, _ = triangulate_all(
+        status, located_m, covariance_m2, *_ = triangulate(
             position_m, direction, np.repeat(covariance[None], count, axis=0), weighted, 1.0,
             1e-6)
         if not (status == LOCATED).all():

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 from startracker_ros.core.astro.constants import EARTH_J2, EARTH_MU_M3_S2, EARTH_RADIUS_M
-from startracker_ros.core.compiled import compiled
+from startracker_ros.core.native import GRAVITY, library
 
 _STEP_S = 5.0
 """Runge-Kutta step. The error is 0.3 mm per revolution at 700 km altitude."""
@@ -94,43 +94,9 @@ def propagate(position_m: np.ndarray, velocity_m_s: np.ndarray, time_s: float,
     """
     state = np.concatenate([position_m, velocity_m_s], dtype=float)
     steps = max(1, math.ceil(abs(time_s) / _STEP_S))
-    _runge_kutta(state, time_s / steps, steps, j2)
+    gravity = np.array((EARTH_MU_M3_S2, EARTH_RADIUS_M, j2), GRAVITY)
+    library().st_propagate_orbit(gravity.ctypes.data, time_s / steps, steps, state.ctypes.data)
     return state[:3], state[3:]
-
-
-@compiled
-def _runge_kutta(state: np.ndarray, step_s: float, steps: int, j2: float) -> None:
-    """Advance state (6,) by a number of steps: classical Runge-Kutta, fourth order."""
-    trial, total, slope = np.empty(6), np.empty(6), np.empty(6)
-    for _ in range(steps):
-        _derivative(state, j2, slope)
-        total[:] = slope
-        for part, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-            for i in range(6):
-                trial[i] = state[i] + part * step_s * slope[i]
-            _derivative(trial, j2, slope)
-            for i in range(6):
-                total[i] += weight * slope[i]
-        for i in range(6):
-            state[i] += step_s / 6 * total[i]
-
-
-@compiled
-def _derivative(state: np.ndarray, j2: float, derivative: np.ndarray) -> None:
-    """
-    Fill derivative (6,) with the velocity and acceleration of state (6,).
-
-    Vallado, equation 8-50: a_i = -mu / r^3 r_i (1 + 3/2 J2 (R / r)^2 (c_i - 5 z^2 / r^2)),
-    c = (1, 1, 3).
-    """
-    r2 = state[0] ** 2 + state[1] ** 2 + state[2] ** 2
-    mu_r3 = EARTH_MU_M3_S2 / (r2 * math.sqrt(r2))
-    j2_term = 1.5 * j2 * EARTH_RADIUS_M ** 2 / r2
-    z_term = 5 * state[2] ** 2 / r2
-    for i in range(3):
-        derivative[i] = state[3 + i]
-        c = 3 if i == 2 else 1
-        derivative[3 + i] = -mu_r3 * state[i] * (1 + j2_term * (c - z_term))
 
 
 def orbit_frame(position_m: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:

@@ -10,7 +10,6 @@ from startracker_ros.core.astro.aberration import apparent_directions, Vantage
 from startracker_ros.core.astro.bodies import BodiesInSky
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer, ObserverMotion
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
-from startracker_ros.core.compiled import compiled
 
 _TOLERANCE_M_S = 1.5
 """Change of velocity that is ignored: 0.001 arcsec of aberration."""
@@ -95,7 +94,7 @@ class _Directions:
 
     def of(self, star_index: np.ndarray) -> np.ndarray:
         if self._vantage is not None:
-            missing = _missing(self._computed, star_index)
+            missing = star_index[~self._computed[star_index]]
             if len(missing):
                 self._computed[missing] = True
                 self._direction[missing] = apparent_directions(
@@ -123,14 +122,3 @@ class _Crowding:
                 self._crowded[missing] |= near.any(axis=1)
                 self._compared[missing] = True
         return self._crowded[star_index]
-
-
-@compiled
-def _missing(computed: np.ndarray, star_index: np.ndarray) -> np.ndarray:
-    """Return which of entries (M,) are not computed."""
-    missing, count = np.empty(len(star_index), np.int64), 0
-    for star in star_index:
-        if not computed[star]:
-            missing[count] = star
-            count += 1
-    return missing[:count]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.stored_arrays import StoredArrays
 
 # Memory and time to build bound the number of pairs: in wide fields by the faintest stars; in
@@ -112,13 +111,17 @@ def steps_below(values: np.ndarray) -> np.ndarray:
     return below
 
 
-@compiled
 def _previous_entries(member: np.ndarray, stars: int) -> np.ndarray:
     """Return the entry (2 P,) before each one of the same star, of member (2 P,), -1 for none."""
-    previous = np.empty_like(member)
-    latest = np.full(stars, -1, member.dtype)
-    for entry in range(len(member)):
-        star = member[entry]
-        previous[entry] = latest[star]
-        latest[star] = entry
+    # Takes long to import, and is needed where pairs are built.
+    from scipy.sparse import csr_array
+    count = len(member)
+    by_entry = csr_array((np.ones(count, np.int8), member, np.arange(count + 1, dtype=np.int32)),
+                         shape=(count, stars))
+    by_star = by_entry.tocsc()
+    previous = np.full_like(member, -1)
+    previous[by_star.indices[1:]] = by_star.indices[:-1]
+    # The first entry of each star has none before.
+    begin = by_star.indptr[:-1][np.diff(by_star.indptr) > 0]
+    previous[by_star.indices[begin]] = -1
     return previous

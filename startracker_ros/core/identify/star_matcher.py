@@ -14,12 +14,12 @@ import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.native import NativeTracker
-from startracker_ros.core.native_tracker import (
-    attitude_of, IDENTIFIES, MOST_CENTROIDS, native_camera)
+from startracker_ros.core.native_tracker import attitude_of, IDENTIFIES, MOST_CENTROIDS
 
 STATUSES = ('not_due', 'identified', 'too_few_stars', 'no_candidate', 'ambiguous', 'time_limit',
             'searching')
@@ -197,9 +197,9 @@ def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_flo
     table[:, :2], table[:, 4] = centroids.uv, centroids.sigma_px
     index, direction, sigma_rad = (
         np.empty(max_stars, np.int32), np.empty((max_stars, 3)), np.empty(max_stars))
-    count = ctypes.c_size_t(max_stars)
+    lens, count = native_camera(camera), ctypes.c_size_t(max_stars)
     native.check(native.library().st_usable_stars(
-        native_camera(camera).ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
+        lens.ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
         sigma_floor_px, index.ctypes.data, direction.ctypes.data, sigma_rad.ctypes.data,
         ctypes.byref(count)))
     chosen = slice(count.value)

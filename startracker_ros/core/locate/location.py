@@ -61,27 +61,26 @@ _REASONS = {
 def locate(first: LineOfSight, second: LineOfSight,
            options: LocationOptions = LocationOptions()) -> Location:
     """Return the position nearest to two lines of sight; LocationError with the reason."""
-    target, target_covariance, measures = np.empty(3), np.empty((3, 3)), np.full(5, np.nan)
     lines = (first, second)
     position = np.array([line.position_m for line in lines], float)
     direction = np.array([line.direction for line in lines], float)
     covariance = np.array([line.covariance for line in lines], float)
-    status = triangulation.triangulate(
-        position, direction, covariance, options.solution == 'weighted', options.min_baseline_m,
-        np.sin(np.radians(options.min_angle_deg)), target, target_covariance, measures)
+    found = triangulation.Triangulated(*(values[0] for values in triangulation.triangulate(
+        position[None], direction[None], covariance[None], options.solution == 'weighted',
+        options.min_baseline_m, np.sin(np.radians(options.min_angle_deg)))))
+    status = int(found.status)
     if status == triangulation.SHORT_BASELINE:
         raise LocationError(f'observers {np.linalg.norm(position[1] - position[0]):.3g} m apart, '
                             f'at least {options.min_baseline_m:g} m are needed')
-    angle_rad = float(np.arctan2(measures[2], direction[0] @ direction[1]))
+    angle_rad = float(np.arctan2(found.sine, direction[0] @ direction[1]))
     if status == triangulation.PARALLEL:
         raise LocationError(f'lines of sight parallel within {options.min_angle_deg:g} deg: '
                             f'{np.degrees(min(angle_rad, np.pi - angle_rad)):.3g} deg')
     if status != triangulation.LOCATED:
         raise LocationError(_REASONS[status])
-    miss_m, miss_sigma_m = float(measures[3]), float(measures[4])
+    miss_m, miss_sigma_m = float(found.miss), float(found.miss_sigma)
     if miss_m > options.max_miss_sigmas * miss_sigma_m:
         raise LocationError(
             f'lines of sight pass each other at {miss_m:.4g} m, {miss_sigma_m:.3g} m 1 sigma: '
             'they do not point to one target')
-    return Location(target, target_covariance, measures[:2].copy(), angle_rad, miss_m,
-                    miss_sigma_m)
+    return Location(found.target, found.covariance, found.rho, angle_rad, miss_m, miss_sigma_m)

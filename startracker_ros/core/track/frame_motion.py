@@ -5,8 +5,8 @@
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.track.motion_models import image_jacobian
 
 BRIGHTEST = 30
 MOST_RATE_RAD_S = np.radians(20.0)

@@ -9,8 +9,7 @@ The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body r
 """
 
 import numpy as np
-from startracker_ros.core.camera.lens import distortion_jacobian, Lens, plane_point
-from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.lens import distortion_jacobian, Lens
 from startracker_ros.core.compiled import compiled
 
 POSITION = [0, 2]
@@ -29,27 +28,6 @@ def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
     transition = np.array([[1, dt_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, dt_s], [0, 0, 0, 1]], float)
     effect = np.array([[half, 0], [dt_s, 0], [0, half], [0, dt_s]]) * acceleration_px_s2
     return transition, effect @ effect.T
-
-
-def image_jacobian(camera: Camera, directions: np.ndarray) -> np.ndarray:
-    """
-    Return d(u, v)/dt per body rate, (N, 2, 3) in px/rad, of directions (N, 3).
-
-    NaN for a direction behind the camera.
-    """
-    return image_flows(camera.lens, np.ascontiguousarray(directions))
-
-
-@compiled
-def image_flows(lens: Lens, directions: np.ndarray) -> np.ndarray:
-    """Return image_jacobian() of the directions (N, 3)."""
-    jacobian = np.full((len(directions), 2, 3), np.nan)
-    for star in range(len(directions)):
-        a, b = plane_point(lens.equidistant, directions[star, 0], directions[star, 1],
-                           directions[star, 2])
-        if not np.isnan(a):
-            image_flow(lens, a, b, jacobian[star])
-    return jacobian
 
 
 @compiled

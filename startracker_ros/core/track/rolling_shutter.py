@@ -11,12 +11,10 @@ is then J (w d + a d^2 / 2) away from where it was at that time, J the image jac
 from dataclasses import replace
 
 import numpy as np
-from startracker_ros.core.camera.lens import Lens, rays, undistorted
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import conjugate, rotate
-from startracker_ros.core.track.motion_models import image_flows, image_jacobian
 
 LEAST_STARS = 6
 LEAST_SHEAR_S = 1e-6  # spread of the delays from which on a rate moves stars apart
@@ -27,22 +25,11 @@ def at_frame_time(camera: Camera, centroids: Centroids, rate_rad_s: np.ndarray,
     """Return the centroids where they were at the time of the frame, for a rate (3,)."""
     if not centroids.delay_s.any():
         return centroids
-    return replace(centroids, uv=at_one_time(
-        camera.lens, centroids.uv, centroids.delay_s, rate_rad_s, acceleration_rad_s2),
-        delay_s=np.zeros(len(centroids)))
-
-
-@compiled
-def at_one_time(lens: Lens, uv: np.ndarray, delay_s: np.ndarray, rate: np.ndarray,
-                acceleration: np.ndarray) -> np.ndarray:
-    """Return where centroids uv (M, 2) px, exposed delay_s (M,) late, were at the frame."""
-    flow, moved = image_flows(lens, rays(lens.equidistant, undistorted(lens, uv))), uv.copy()
-    for star in range(len(uv)):
-        for axis in range(3):
-            turn = delay_s[star] * (rate[axis] + acceleration[axis] * delay_s[star] / 2)
-            moved[star, 0] -= flow[star, 0, axis] * turn
-            moved[star, 1] -= flow[star, 1, axis] * turn
-    return moved
+    flow = image_jacobian(camera, camera.unproject(centroids.uv))
+    delay_s = centroids.delay_s[:, None]
+    turn = delay_s * (rate_rad_s + acceleration_rad_s2 * delay_s / 2)
+    return replace(centroids, uv=centroids.uv - np.einsum('nij,nj->ni', flow, turn),
+                   delay_s=np.zeros(len(centroids)))
 
 
 def fit_rate(camera: Camera, icrf: np.ndarray, centroids: Centroids, quaternion: np.ndarray

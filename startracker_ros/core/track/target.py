@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.track.in_view import StarsInView
-from startracker_ros.core.track.motion_models import (
-    constant_velocity, image_jacobian, POSITION, VELOCITY)
+from startracker_ros.core.track.motion_models import constant_velocity, POSITION, VELOCITY
 
 EXPLAINED_PX = 2.0
 """A centroid within this of a catalogue star, or within EXPLAINED_SIGMA, is that star."""

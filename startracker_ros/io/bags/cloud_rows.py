@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids, ROUND, UNKNOWN_EXPOSURE
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 
@@ -47,44 +46,21 @@ def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
     fields = np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
-    known, *columns = _split(fields, _columns(rows.dtype))
-    uv, flux, snr, sigma_px, covariance, delay_s, common = columns
+    columns = fields.take(_columns(rows.dtype), axis=1).astype(float)
+    flux, snr, sigma_px, delay_s = columns[:, 2:6].T.copy()
+    covariance = columns[:, 6:10].reshape(-1, 2, 2)
+    known = bool((covariance[:, 0, 0] > 0).all())
     exposure_s = UNKNOWN_EXPOSURE
     if len(rows) and rows['exposure_max'][0] > 0:
         exposure_s = float(rows['exposure_min'][0]), float(rows['exposure_max'][0])
-    return Centroids(uv, flux, snr, sigma_px, covariance if known else ROUND, delay_s, common,
-                     exposure_s)
-
-
-@compiled
-def _split(fields: np.ndarray, columns: np.ndarray) -> tuple[
-        bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return the arrays of Centroids out of rows of float32, with the numbers of _columns().
-
-    The first is whether all covariances are known, and not zero.
-    """
-    count, known = len(fields), True
-    uv, covariance, common = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((count, 2, 2))
-    flux, snr, sigma_px, delay_s = (np.empty(count), np.empty(count), np.empty(count),
-                                    np.empty(count))
-    for n in range(count):
-        row = fields[n]
-        uv[n, 0], uv[n, 1] = row[columns[0]], row[columns[1]]
-        flux[n], snr[n], sigma_px[n] = row[columns[2]], row[columns[3]], row[columns[4]]
-        delay_s[n] = row[columns[5]]
-        covariance[n, 0, 0], covariance[n, 1, 1] = row[columns[6]], row[columns[8]]
-        covariance[n, 0, 1] = covariance[n, 1, 0] = row[columns[7]]
-        common[n, 0, 0], common[n, 1, 1] = row[columns[9]], row[columns[11]]
-        common[n, 0, 1] = common[n, 1, 0] = row[columns[10]]
-        known &= covariance[n, 0, 0] > 0
-    return known, uv, flux, snr, sigma_px, covariance, delay_s, common
+    return Centroids(columns[:, :2], flux, snr, sigma_px, covariance if known else ROUND, delay_s,
+                     columns[:, 10:].reshape(-1, 2, 2), exposure_s)
 
 
 @lru_cache
 def _columns(dtype: np.dtype) -> np.ndarray:
-    """Return where in rows viewed as floats the columns of Centroids are."""
-    pairs = ('uu', 'uv', 'vv')
+    """Return where in rows viewed as floats the columns of Centroids are, matrices by rows."""
+    pairs = ('uu', 'uv', 'uv', 'vv')
     fields = dict(dtype.fields or {})
     return np.array([fields[name][1] // 4 for name in (
         'u', 'v', 'flux', 'snr', 'sigma_px', 'stamp_offset', *(f'cov_{pair}' for pair in pairs),

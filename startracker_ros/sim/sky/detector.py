@@ -14,7 +14,7 @@ from startracker_ros.sim.sky.bright_bodies import (
     BodyLight, disc_coverage, discs, pixel_directions, stray_light)
 from startracker_ros.sim.sky.charge import add_cosmic_rays, add_trails, bloom
 from startracker_ros.sim.sky.fixed_pattern import draw_defects, fixed_pattern, saturated_charge
-from startracker_ros.sim.sky.noise import digitise, noise_tables, read_out, Readout
+from startracker_ros.sim.sky.noise import digitise, noise_tables, read_out, readout
 from startracker_ros.sim.sky.psf import add_starlight, reach_px
 
 # Fainter ghosts are lost in the noise and would take half of the time.
@@ -131,9 +131,9 @@ class Detector:
             np.random.SeedSequence(seed, spawn_key=(_DEFECTS,))))
         self._make_background(np.random.default_rng(seed))
         self._light_e = np.empty(self._shape, np.float32)
-        self._readout = Readout(*map(np.float32, (
-            options.full_well_e, options.read_noise_e, 1 / options.gain_e_per_dn,
-            options.bias_dn, 2 ** options.bit_depth - 1)))
+        self._readout = readout(options.full_well_e, options.read_noise_e,
+                                1 / options.gain_e_per_dn, options.bias_dn,
+                                2 ** options.bit_depth - 1)
         self._tables = noise_tables()
         area_cm2 = camera.width * camera.height * (options.pixel_pitch_um * 1e-4) ** 2
         self._hits_mean = options.cosmic_ray_hits_cm2_s * area_cm2 * options.exposure_s
@@ -277,16 +277,15 @@ class Detector:
         """Return the image (H, W), uint8 or uint16, of the last exposure."""
         light_e, options = self._light_e, self.options
         image = np.empty(self._shape, np.uint16)
-        key = rng.integers(2 ** 64, dtype=np.uint64) if options.noise else None
+        key = int(rng.integers(2 ** 64, dtype=np.uint64)) if options.noise else None
         offset_e = self._offset_e(rng)
         if key is not None:
-            read_out(light_e.reshape(-1), key, self._readout, self._tables, offset_e,
-                     image.reshape(-1))
+            read_out(light_e, key, self._readout, self._tables, offset_e, image)
         else:
-            np.minimum(light_e, self._readout.full_well_e, out=light_e)
-            if len(offset_e):
-                light_e += offset_e.reshape(self._shape)
-            digitise(light_e.reshape(-1), self._readout, image.reshape(-1))
+            np.minimum(light_e, self._readout['full_well_e'], out=light_e)
+            if offset_e is not None:
+                light_e += offset_e
+            digitise(light_e, self._readout, image)
         return image if options.bit_depth > 8 else image.astype(np.uint8)
 
     def render(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
@@ -330,11 +329,11 @@ class Detector:
             sources = psf.with_ring(sources, options.defocus_ring_px)
         return sources
 
-    def _offset_e(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the offset of each pixel (H W,) float32 by rows and columns, or (0,)."""
+    def _offset_e(self, rng: np.random.Generator) -> np.ndarray | None:
+        """Return the offset of each pixel (H, W) float32 by rows and columns, None for none."""
         options = self.options
         if not (options.row_noise_dn or self._column_dn.any()):
-            return np.empty(0, np.float32)
+            return None
         row_dn = rng.standard_normal(self._shape[0]) * options.row_noise_dn
         offset_dn = np.add.outer(row_dn, self._column_dn)
-        return (offset_dn * options.gain_e_per_dn).astype(np.float32).reshape(-1)
+        return (offset_dn * options.gain_e_per_dn).astype(np.float32)

@@ -13,6 +13,7 @@ from startracker_ros.core.astro.epoch import epoch_year_from_stamp, why_no_date
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -23,7 +24,6 @@ from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.photographs.calibrate import MAX_STARS
 from startracker_ros.tools.night.earth_motion import EarthMotion, inliers

@@ -14,7 +14,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.locate.line_of_sight import (
     line_of_sight, LineOfSight, without_aberration)
 from startracker_ros.core.locate.location import locate, LocationError, LocationOptions
-from startracker_ros.core.locate.triangulation import LOCATED, triangulate_all
+from startracker_ros.core.locate.triangulation import LOCATED, triangulate
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_pointing, rotate
 
 TARGET = np.array([7.45e6, 2.1e5, 3e4])
@@ -92,7 +92,7 @@ def test_covariance_is_that_of_the_errors(weighted):
     lines = [towards(OBSERVERS[0], direction_rad=40 * ARCSEC), towards(OBSERVERS[1])]
     count = 10000
     pairs = [[drawn(rng, one) for one in lines] for _ in range(count)]
-    status, position, covariance, _ = triangulate_all(
+    status, position, covariance, *_ = triangulate(
         np.array([[one.position_m for one in pair] for pair in pairs]),
         np.array([[one.direction for one in pair] for pair in pairs]),
         np.array([[one.covariance for one in pair] for pair in pairs]), weighted, 100.0, 0.01)

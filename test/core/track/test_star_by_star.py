@@ -11,10 +11,11 @@ import pytest
 from star_motion import CAMERA, Motion, sky, STEP_NS
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError
-from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
+from startracker_ros.core.track.motion_models import constant_velocity
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 

@@ -17,9 +17,10 @@ from startracker_evaluation.campaign.jpdaf_methods import (
     AS_PUBLISHED, METHODS, tracker_options, VARIANTS, velocity_changes)
 from startracker_evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S, PUBLISHED)
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
-from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
+from startracker_ros.core.track.motion_models import constant_velocity
 import yaml
 
 STILL, SHAKEN, TURNING = (Cell('linear', 0.0, 0.01), Cell('linear', 0.5, 0.01),

@@ -12,6 +12,7 @@ from skies import CAMERA as FULL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.sim.sky.charge import add_cosmic_rays, DEPTH_UM
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
+from startracker_ros.sim.sky.psf import add_starlight
 
 CAMERA = Camera.from_fov(256, 192, 4.0)
 EXACT = DetectorOptions(noise=False, background_e=0.0, bias_dn=0.0, gain_e_per_dn=0.25,
@@ -148,3 +149,12 @@ def test_cosmic_rays_leave_the_charge_of_their_path():
 def test_cosmic_rays_come_anew_in_every_frame():
     assert not ((tracks(30.0, 1) > 0) & (tracks(30.0, 2) > 0)).any()
     np.testing.assert_array_equal(tracks(30.0, 1), tracks(30.0, 1))
+
+
+def test_impossible_sources_leave_no_light():
+    light, response = np.zeros((40, 60), np.float32), np.ones((40, 60), np.float32)
+    uv = np.array([[np.nan, 5.0], [5.0, np.inf], [1e12, 5.0], [5.0, -1e12], [30.0, 20.0]])
+    add_starlight(uv, np.full(5, 1e3), np.array([1.0, 1.0, 1.0, 1.0, 1e3]), response, light)
+    assert not light.any()
+    add_starlight(uv[4:], np.array([1e3]), np.array([1.0]), response, light)
+    assert light.sum() == pytest.approx(1e3, rel=1e-5)

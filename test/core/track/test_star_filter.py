@@ -3,14 +3,12 @@
 
 """The filter against the textbook Kalman filter, the paper's formula and its own covariance."""
 
-from native_bank import coordinated_turn
+from native_bank import coordinated_turn, predict, update
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from startracker_ros.core.centroid.centroids import round_errors
-from startracker_ros.core.papers.jpdaf import predict, update
-from startracker_ros.core.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+from startracker_ros.core.native import NativeError
+from startracker_ros.core.track.association import DetectionModel, StarFilter
 from startracker_ros.core.track.motion_models import constant_velocity
 
 H = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
@@ -54,18 +52,12 @@ def test_covariance_of_the_innovations_as_published():
         new_covariance[0], p - 0.9 * gain @ s @ gain.T + gain @ scatter @ gain.T, atol=1e-9)
 
 
-def test_each_track_may_have_its_own_noise():
+def test_prediction():
     state, covariance = some_tracks(np.random.default_rng(5), 3)
     transition, noise = coordinated_turn(0.3, 0.7, (0.5, 2.0))
-    share = np.array([1.0, 2.0, 5.0])[:, None, None]
-    new_state, new_covariance = predict(state, covariance, transition, share * noise)
-    for track in range(3):
-        np.testing.assert_allclose(new_state[track], transition @ state[track])
-        np.testing.assert_allclose(
-            new_covariance[track],
-            transition @ covariance[track] @ transition.T + share[track] * noise)
-    same = predict(state, covariance, transition, noise)[1]
-    np.testing.assert_array_equal(same[0], new_covariance[0])
+    new_state, new_covariance = predict(state, covariance, transition, noise)
+    np.testing.assert_allclose(new_state, state @ transition.T)
+    np.testing.assert_allclose(new_covariance, transition @ covariance @ transition.T + noise)
 
 
 @pytest.mark.parametrize('transition, noise', [
@@ -74,24 +66,23 @@ def test_covariance_is_consistent(transition, noise):
     """NEES of 300 stars among false centroids, now and then missed, after 60 frames."""
     rng = np.random.default_rng(2)
     count, variance, seen, gate_probability = 300, 0.15 ** 2, 0.9, 0.9999
-    gate, false_points, side_px = gate_size(gate_probability), 60, 1500
+    false_points, side_px = 60, 1500
     # Too far apart to be mistaken for each other: each is a run of its own.
     u, v = (place.ravel()[:count] for place in np.meshgrid(*[np.arange(40, side_px, 80)] * 2))
     truth = np.column_stack([u, rng.normal(0, 2, count), v, rng.normal(0, 2, count)])
     covariance = np.tile(np.diag([variance, 4.0, variance, 4.0]), (count, 1, 1))
     state = truth + rng.normal(0, np.sqrt(np.diag(covariance[0])), (count, 4))
     root = np.linalg.cholesky(noise + 1e-15 * np.eye(4))
+    tracks = StarFilter(DetectionModel(
+        gate_probability, seen, side_px ** 2, false_points / side_px ** 2), state, covariance,
+        count + false_points)
     for _ in range(60):
         truth = truth @ transition.T + rng.normal(0, 1, (count, 4)) @ root.T
         uv = truth[rng.random(count) < seen][:, ::2]
         uv = np.concatenate([uv + rng.normal(0, variance ** 0.5, uv.shape),
                              rng.uniform(0, side_px, (false_points, 2))])
-        state, covariance = predict(state, covariance, transition, noise)
-        density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
-                                round_errors(np.full(len(uv), variance)), gate)
-        probability = joint_probabilities(event_weights(
-            density, seen, gate_probability, false_points / side_px ** 2))
-        state, covariance = update(state, covariance, uv, np.full(len(uv), variance), probability)
+        tracks.step(transition, noise, uv, np.full(len(uv), variance))
+    state, covariance = tracks.state, tracks.covariance
     error = state - truth
     nees = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance), error).sum()
     assert chi2.ppf(0.025, 4 * count) < nees < chi2.ppf(0.975, 4 * count)
@@ -120,6 +111,19 @@ def test_covariance_stays_positive_from_an_uninformative_prior():
 
 def test_nothing_to_do():
     state, covariance = some_tracks(np.random.default_rng(4), 3)
-    after = update(state, covariance, np.empty((0, 2)), np.empty(0), np.ones((3, 1)))
-    np.testing.assert_array_equal(after[0], state)
-    np.testing.assert_allclose(after[1], covariance)
+    tracks = StarFilter(DetectionModel(0.999, 0.9, 1e4), state, covariance, 0)
+    probability = tracks.step(np.eye(4), np.zeros((4, 4)), np.empty((0, 2)), np.empty(0))
+    np.testing.assert_array_equal(probability, np.ones((3, 1)))
+    np.testing.assert_array_equal(tracks.state, state)
+    np.testing.assert_allclose(tracks.covariance, covariance)
+
+
+def test_wrong_use_is_an_error():
+    state, covariance = some_tracks(np.random.default_rng(4), 3)
+    frame = np.eye(4), np.eye(4), np.zeros((2, 2)), np.ones(2)
+    with pytest.raises(NativeError, match='memory'):
+        StarFilter(DetectionModel(0.999, 0.9, 1e4), state, covariance, 0).step(*frame)
+    for wrong in (DetectionModel(0.0, 0.9, 1e4), DetectionModel(0.9, 0.9, 0.0),
+                  DetectionModel(0.9, 0.9, 1e4, -1.0)):
+        with pytest.raises(NativeError, match='not possible'):
+            StarFilter(wrong, state, covariance, 2).step(*frame)
