@@ -44,6 +44,8 @@ _LINKED = {'g++': ('-nodefaultlibs', '-lm', '-lc', '-lgcc'), 'clang++': ('-nostd
 # The oldest processors that ROS 2 and NumPy run on: x86-64-v2, which g++ 9 knows by its first one.
 _PROCESSOR = {'x86_64': (('-march=nehalem', '-mtune=generic'), ('-mcpu=x86_64_v2',)),
               'aarch64': (('-march=armv8-a',), ('-mcpu=generic',))}
+# What is missing is an error here, not when a process loads the library.
+_SHARED = ('-shared', '-Wl,-z,defs')
 _FIRST_COMPILERS = 'g++ 9, clang++ 11 or ziglang 0.12'
 
 
@@ -81,7 +83,7 @@ def _core() -> tuple[Path, ...]:
 
 def library(compiler: Compiler) -> Program:
     """Return the library that is installed."""
-    return Program(_core(), ('-shared', '-s', *_LINKED[compiler.kind]))
+    return Program(_core(), (*_SHARED, '-s', *_LINKED[compiler.kind]))
 
 
 def _kernels() -> tuple[Path, ...]:
@@ -90,7 +92,7 @@ def _kernels() -> tuple[Path, ...]:
 
 def library_for_tests(compiler: Compiler) -> Program:
     """Return the library with the functions of test/kernels*.h."""
-    return Program((*_core(), *_kernels()), ('-shared', *_LINKED[compiler.kind]))
+    return Program((*_core(), *_kernels()), (*_SHARED, *_LINKED[compiler.kind]))
 
 
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:

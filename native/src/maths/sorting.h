@@ -10,6 +10,12 @@ namespace st {
 /// Standard deviation over median absolute deviation, of a normal distribution.
 constexpr double SIGMA_PER_MAD = 1.4826;
 
+/// The order of whole numbers for std::sort. That with its own `<` is compiled into libc++, which
+/// is not linked.
+struct Ascending {
+    bool operator()(int a, int b) const { return a < b; }
+};
+
 /// Insert a value into the first count values, which ascend; there is room for one more.
 inline void insert_sorted(double *ordered, int count, double value) {
     int slot = count;
