@@ -76,7 +76,7 @@ void count_fields(Verifier &verifier) {
         });
         verifier.counts[i] = count;
     }
-    std::sort(verifier.counts, verifier.counts + FIELD_SAMPLES, Ascending());
+    sort_ascending(verifier.counts, FIELD_SAMPLES);
 }
 
 int count_in_image(const Verifier &verifier, const StarMatch &found) {

@@ -5,16 +5,18 @@
 
 #pragma once
 
+#include <algorithm>
+
 namespace st {
 
 /// Standard deviation over median absolute deviation, of a normal distribution.
 constexpr double SIGMA_PER_MAD = 1.4826;
 
-/// The order of whole numbers for std::sort. That with its own `<` is compiled into libc++, which
-/// is not linked.
-struct Ascending {
-    bool operator()(int a, int b) const { return a < b; }
-};
+/// Sort whole numbers, without the recursion of std::sort, and in no code of a C++ library.
+inline void sort_ascending(int *items, int count) {
+    std::make_heap(items, items + count);
+    std::sort_heap(items, items + count);
+}
 
 /// Insert a value into the first count values, which ascend; there is room for one more.
 inline void insert_sorted(double *ordered, int count, double value) {
