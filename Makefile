@@ -1,5 +1,5 @@
 # make demo | demo-closed-loop | test | test-core | test-evaluation | test-oldest | test-newest | test-long | test-ros |
-# lint | docs | clean.
+# lint | docs | wheels | clean.
 # Needs Python 3.11 or 3.12, with ROS=kilted 3.12 or 3.13, and a package index; ROS 2 comes as wheels.
 
 ROS ?= jazzy
@@ -32,7 +32,7 @@ WITH_COMPILER = [ -n "$$CXX" ] || $(1) native/build.py --find > /dev/null 2>&1 |
 # What users install, and what measures it.
 PACKAGES := . ./evaluation
 
-.PHONY: demo demo-closed-loop test test-core test-evaluation test-oldest test-newest test-long test-ros lint docs clean
+.PHONY: demo demo-closed-loop test test-core test-evaluation test-oldest test-newest test-long test-ros lint docs wheels clean
 
 demo: $(VENV)/package
 	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
@@ -89,6 +89,21 @@ docs: $(VENV)/package $(VENV)/docs
 test-long: $(VENV)/package $(VENV)/tests $(VENV)/gnc $(VENV)/s3
 	@$(PYTEST) $(ON_BOTH_CORES) -m long test
 
+# For every Python and glibc 2.28 or later, and the sources they are of: dist. zig compiles them.
+wheels: .venv-wheels/ready $(SOURCES)
+	@rm -rf build/lib* dist
+	@for processor in x86_64 aarch64; do \
+		CXX="$(CURDIR)/.venv-wheels/bin/python -m ziglang c++ -target $$processor-linux-gnu.2.28" \
+		.venv-wheels/bin/python -m pip wheel -q --disable-pip-version-check --no-deps --no-build-isolation -w dist \
+			--config-settings=--build-option=--plat-name=manylinux_2_28_$$processor . || exit 1; done
+	@.venv-wheels/bin/python -c 'from setuptools.build_meta import build_sdist; build_sdist("dist")' > /dev/null
+	@ls -sh dist
+
+.venv-wheels/ready:
+	"$(PYTHON)" -m venv .venv-wheels
+	.venv-wheels/bin/python -m pip install -q --disable-pip-version-check setuptools wheel ziglang
+	@touch $@
+
 $(VENV)/requirements: requirements.txt requirements-$(ROS).txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \
 		echo 'ROS 2 $(ROS) needs Python $(firstword $(PYTHONS)) or $(lastword $(PYTHONS)) with venv: make PYTHON=/path/to/python3.12$(if $(filter jazzy,$(ROS)),; with Python 3.13: make ROS=kilted)' >&2; \
@@ -123,7 +138,7 @@ $(VENV)/s3: $(VENV)/requirements requirements-s3.txt
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo '== package: installs it, then compiles its functions for this machine: a minute or two of processor time, once for the same sources'
-	@rm -rf build/lib evaluation/build
+	@rm -rf build/lib* evaluation/build
 	@$(call WITH_COMPILER,$(RUN))
 	@$(RUN) native/build.py -o build/native/libstartracker.so
 	$(PIP_INSTALL) --no-deps --no-build-isolation $(PACKAGES)
@@ -132,5 +147,5 @@ $(VENV)/package: $(VENV)/requirements $(SOURCES)
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 
 clean:
-	rm -rf .venv .venv-* build startracker_ros/core/libstartracker.so evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv .venv-* build dist startracker_ros/core/libstartracker.so evaluation/build evaluation/*.egg-info install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -9,7 +9,6 @@ import runpy
 import sys
 
 from setuptools import Command, Distribution, find_packages, setup
-from setuptools.command.build import build
 from setuptools.command.build_ext import build_ext
 
 PACKAGE = 'startracker_ros'
@@ -43,11 +42,11 @@ class InstallNodes(install_data):
             self.outfiles.append(str(script))
 
 
-class BuildAll(build):
-    """Everything that is installed: the native core too, though setuptools knows no extension."""
+class Binary(Distribution):
+    """What is installed is of a platform, though setuptools knows no extension."""
 
-    sub_commands = [(name, None if name == 'build_ext' else condition)
-                    for name, condition in build.sub_commands]
+    def has_ext_modules(self) -> bool:
+        return True
 
 
 class BuildNative(build_ext):
@@ -81,7 +80,7 @@ def needed_to_build() -> list[str]:
 
 
 console_scripts = ['startracker = startracker_ros.__main__:main']
-cmdclass: dict[str, type[Command]] = {'build': BuildAll, 'build_ext': BuildNative}
+cmdclass: dict[str, type[Command]] = {'build_ext': BuildNative}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
     console_scripts += [f'{node} = {module}:main' for node, module in EXECUTABLES.items()]
@@ -94,10 +93,6 @@ if {'bdist_wheel', 'editable_wheel'} & set(sys.argv):
 
     class Wheel(bdist_wheel):
         """A wheel of this platform, for every Python: the library is loaded with ctypes."""
-
-        def finalize_options(self) -> None:
-            super().finalize_options()
-            self.root_is_pure = False
 
         def get_tag(self) -> tuple[str, str, str]:
             return 'py3', 'none', super().get_tag()[2]
@@ -161,4 +156,5 @@ setup(
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,
+    distclass=Binary,
 )

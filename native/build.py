@@ -31,7 +31,7 @@ LIBRARY = Path('startracker_ros', 'core', 'libstartracker.so')
 _FLAGS = ('-O3', '-fPIC', '-fvisibility=hidden', '-ffp-contract=off', '-fno-math-errno', '-Wall',
           '-Wextra', '-Wconversion', '-Wshadow', '-I', f'{NATIVE}/include', '-I', f'{NATIVE}/src')
 _OF_SUFFIX = {'.c': ('-x', 'c', '-std=c11', '-D_GNU_SOURCE'),
-              '.cpp': ('-std=c++20', '-fno-exceptions', '-fno-rtti')}
+              '.cpp': ('-std=c++2a', '-fno-exceptions', '-fno-rtti')}
 # For developers: a later compiler may warn of more, which must not stop an install.
 _DEVELOPED = ('-Werror', '-g', '-DST_NO_CLONES')
 _SANITIZERS = ('-fsanitize=address,undefined', '-fno-sanitize-recover=all')
@@ -41,10 +41,12 @@ _TRAPS = ('-fsanitize=undefined', '-fsanitize-trap=undefined')
 # zig need not compile libc++, 80 s of a processor. g++ knows -nostdlib++ from version 13 on.
 _LINKED = {'g++': ('-nodefaultlibs', '-lm', '-lc', '-lgcc'), 'clang++': ('-nostdlib++', '-lm'),
            'zig': ('-nostdlib++', '-lm')}
-# The oldest processors that ROS 2 and NumPy run on.
-_PROCESSOR = {'x86_64': ('-march=x86-64-v2', '-mcpu=x86_64_v2'),
-              'aarch64': ('-march=armv8-a', '-mcpu=generic')}
-_FIRST_COMPILERS = 'g++ 10, clang++ 12 or ziglang 0.12'
+# The oldest processors that ROS 2 and NumPy run on: x86-64-v2, which g++ 9 knows by its first one.
+_PROCESSOR = {'x86_64': (('-march=nehalem', '-mtune=generic'), ('-mcpu=x86_64_v2',)),
+              'aarch64': (('-march=armv8-a',), ('-mcpu=generic',))}
+# What is missing is an error here, not when a process loads the library.
+_SHARED = ('-shared', '-Wl,-z,defs')
+_FIRST_COMPILERS = 'g++ 9, clang++ 11 or ziglang 0.12'
 
 
 class BuildError(RuntimeError):
@@ -81,7 +83,7 @@ def _core() -> tuple[Path, ...]:
 
 def library(compiler: Compiler) -> Program:
     """Return the library that is installed."""
-    return Program(_core(), ('-shared', '-s', *_LINKED[compiler.kind]))
+    return Program(_core(), (*_SHARED, '-s', *_LINKED[compiler.kind]))
 
 
 def _kernels() -> tuple[Path, ...]:
@@ -90,7 +92,7 @@ def _kernels() -> tuple[Path, ...]:
 
 def library_for_tests(compiler: Compiler) -> Program:
     """Return the library with the functions of test/kernels*.h."""
-    return Program((*_core(), *_kernels()), ('-shared', *_LINKED[compiler.kind]))
+    return Program((*_core(), *_kernels()), (*_SHARED, *_LINKED[compiler.kind]))
 
 
 def runner(name: str, compiler: Compiler, *, sanitized: bool = False) -> Program:
@@ -135,10 +137,10 @@ def _identified(command: Sequence[str]) -> Compiler:
     if done.returncode != 0 or not machine:
         raise BuildError(f'{shlex.join(command)} is no compiler for C++: '
                          f'{_first_error(done.stdout + done.stderr)}')
-    march, mcpu = _PROCESSOR.get(machine.partition('-')[0], ('', ''))
+    march, mcpu = _PROCESSOR.get(machine.partition('-')[0], ((), ()))
     kind = 'zig' if of_zig else 'clang++' if 'clang' in text else 'g++'
     return Compiler(tuple(command), kind, f'zig c++, {text}' if of_zig else text,
-                    tuple(filter(None, [mcpu if of_zig else march])))
+                    mcpu if of_zig else march)
 
 
 # --- the build ---

@@ -49,7 +49,7 @@ def test_a_compiler_that_is_too_old(tmp_path):
                         'command line option -std=c++20" >&2; exit 1')
     assert failure(tmp_path, cxx) == (
         'native core: g++ 4.8.5 fails: g++: error: unrecognized command line option -std=c++20 '
-        '(g++ 10, clang++ 12 or ziglang 0.12 or later are needed)')
+        '(g++ 9, clang++ 11 or ziglang 0.12 or later are needed)')
     assert list((tmp_path / 'objects').iterdir()) == []
 
 

@@ -20,7 +20,6 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
-from startracker_ros.core.native_tracker import native_camera
 from startracker_ros.core.stored_arrays import write_arrays
 
 IDENTIFIED, SEARCHING, TIME_LIMIT = 1, 6, 5

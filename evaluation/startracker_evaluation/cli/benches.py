@@ -123,6 +123,9 @@ _bench('constellation', 'bench.constellation:run_constellation_bench',
        'A year of 1000 heads: load of a dask scheduler, of an object store and of processors.',
        trials_option(1_000_000, 'Empty tasks that the scheduler gets.'), only_option('Cases'),
        known='CASES')
+_bench('flight', 'bench.flight:run_flight_bench',
+       'Memory, code, stack, worst frame and instructions of the native core, in a source tree.',
+       trials_option(300, 'Frames of the recording.'), only_option('Cases'), known='CASES')
 _bench('tracklets', 'bench.tracklets:run_tracklet_bench',
        'Find moving objects in simulated flights, among false centroids and hot pixels.',
        trials_option(7200, 'Frames of the recording.', least=600))

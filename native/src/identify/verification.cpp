@@ -8,6 +8,7 @@
 
 #include "identify/false_alarm.h"
 #include "identify/lens_mismatch.h"
+#include "maths/sorting.h"
 #include "sky/near.h"
 
 namespace st {
@@ -75,7 +76,7 @@ void count_fields(Verifier &verifier) {
         });
         verifier.counts[i] = count;
     }
-    std::sort(verifier.counts, verifier.counts + FIELD_SAMPLES);
+    sort_ascending(verifier.counts, FIELD_SAMPLES);
 }
 
 int count_in_image(const Verifier &verifier, const StarMatch &found) {

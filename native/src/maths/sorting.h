@@ -5,10 +5,18 @@
 
 #pragma once
 
+#include <algorithm>
+
 namespace st {
 
 /// Standard deviation over median absolute deviation, of a normal distribution.
 constexpr double SIGMA_PER_MAD = 1.4826;
+
+/// Sort whole numbers, without the recursion of std::sort, and in no code of a C++ library.
+inline void sort_ascending(int *items, int count) {
+    std::make_heap(items, items + count);
+    std::sort_heap(items, items + count);
+}
 
 /// Insert a value into the first count values, which ascend; there is room for one more.
 inline void insert_sorted(double *ordered, int count, double value) {

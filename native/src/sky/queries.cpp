@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "maths/sorting.h"
 #include "sky/near.h"
 #include "sky/sky.h"
 
@@ -58,7 +59,7 @@ int32_t stars_in_cone(const SkyFile &sky, const Vector3 &axis, double radius_rad
             std::push_heap(index, index + kept);
         }
     });
-    std::sort(index, index + kept);
+    sort_ascending(index, kept);
     return found;
 }
 

@@ -10,7 +10,6 @@ from startracker_ros.core import native
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.result import SOLVERS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.cache import camera_stars

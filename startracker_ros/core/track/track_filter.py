@@ -11,7 +11,6 @@ from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
