@@ -36,7 +36,6 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.lens import shows
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
-from startracker_ros.core.native import aligned
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.cache import STARS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
@@ -53,6 +52,7 @@ from startracker_ros.core.maths.rotation import (
     rotation_vector_from_quaternion, sign_continuous)
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
 from startracker_ros.core.native import check_sky, NativeError
+from startracker_ros.core.native import aligned
 from startracker_ros.core.native_tracker import (
     native_camera, native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
