@@ -51,10 +51,9 @@ from startracker_ros.core.maths.rotation import (
     quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude, rotate,
     rotation_vector_from_quaternion, sign_continuous)
 from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
-from startracker_ros.core.native import check_sky, NativeError
-from startracker_ros.core.native import aligned
+from startracker_ros.core.native import aligned, check_sky, NativeError, NativeTracker
 from startracker_ros.core.native_tracker import (
-    native_camera, native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
+    native_camera, native_centroids, native_identified, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction
 from startracker_ros.core.papers.jpdaf import predict, update
 from startracker_ros.core.registry import MODELS
