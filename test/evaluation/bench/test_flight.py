@@ -31,7 +31,8 @@ def test_the_deepest_chain_of_calls_is_found_and_a_recursion():
     graph = flight.CallGraph()
     graph.read('\n'.join([
         *(f'node: {{ title: "{name}" label: "{name}()\\na.cpp:1:2\\n{size} bytes ({kind})" }}'
-          for name, size, kind in (('a', 10, 'static'), ('b', 20, 'dynamic'), ('c', 5, 'static'))),
+          for name, size, kind in (('a', 10, 'static'), ('b', 20, 'dynamic'),
+                                   ('c', 5, 'dynamic,bounded'))),
         'node: { title: "sqrt" label: "sqrt\\nmath.h:1:2" shape : ellipse }',
         *(f'edge: {{ sourcename: "{one}" targetname: "{two}" label: "a.cpp:3:4" }}'
           for one, two in (('a', 'b'), ('a', 'c'), ('b', 'sqrt')))]))
