@@ -192,11 +192,12 @@ void take_few_large_poisson(uint64_t key, uint64_t first, const float *mean,
     }
 }
 
-/// Fill bounded with the means of at most 64; return how many are.
+/// Fill bounded with the means, 0 to 64; return how many are larger.
 ST_CLONES_512 int bound(const float *__restrict mean, int count, float *__restrict bounded) {
     int large = 0;
     for (int i = 0; i < count; ++i) {
-        bounded[i] = mean[i] < TABLED_MEAN ? mean[i] : TABLED_MEAN;
+        const float positive = mean[i] > 0 ? mean[i] : 0.0F;
+        bounded[i] = positive < TABLED_MEAN ? positive : TABLED_MEAN;
         large += mean[i] >= TABLED_MEAN ? 1 : 0;
     }
     return large;

@@ -38,8 +38,9 @@ def test_counts_are_poisson(mean):
     assert chance(np.bincount(counts), expected) > 1e-3
 
 
-def test_nothing_falls_in_the_dark():
-    assert not drawn(np.zeros(100_000), 1).any()
+@pytest.mark.parametrize('mean', [0.0, -0.3, -1e30, np.nan])
+def test_nothing_falls_in_the_dark(mean):
+    assert not drawn(np.full(100_000, mean), 1).any()
 
 
 def test_read_noise_is_normal():
