@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "blind/few_stars.h"
 #include "startracker_ground.h"
 #include "tracker.h"
 
@@ -113,6 +114,26 @@ ImageStars stars_of(const st_image_stars &given, st_tracker &tracker) {
     return stars;
 }
 
+/// Fill what a call for image stars returns of a verification: the best fit where it is not rejected.
+void publish(const st_tracker &tracker, const ImageStars &image, const Verification &result,
+             st_verification &verification, int32_t *star, double *residual_px,
+             double *residual_rad, Arena &work) {
+    const IdentificationStage &stage = tracker.identification;
+    const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
+    verification = {no_attitude(), result.found.focal_ratio, result.false_alarm};
+    for (int i = 0; i < image.count; ++i) {
+        star[i] = result.found.star[i];
+        residual_px[i] = result.found.residual[i] * pixels;
+        residual_rad[i] = NAN;
+    }
+    if (result.false_alarm < 1) {
+        const Verifier &verifier = stage.verifier();
+        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
+                                              result.found, residual_rad, work);
+        set_fit(best, residual_rad, image.count, 1 / pixels, verification.attitude);
+    }
+}
+
 }  // namespace
 
 extern "C" {
@@ -185,8 +206,8 @@ st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int
         return ST_BAD_INPUT;
     }
     const Arena::Scope scope(tracker->work);
-    const Supporters others =
-        supporters(verifier.sky, stars_of(*stars, *tracker), base, verifier.tolerance_sigmas);
+    const Supporters others = supporters(verifier.sky.stars, stars_of(*stars, *tracker), base,
+                                         verifier.tolerance_sigmas);
     for (size_t i = 0; i < count; ++i) {
         const int32_t *three = candidates + 3 * i;
         support[i] = st::support(verifier.sky, others, three[0], three[1], three[2], 0.0);
@@ -206,8 +227,7 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
         residual_px == nullptr || residual_rad == nullptr) {
         return ST_NULL_POINTER;
     }
-    const IdentificationStage &stage = tracker->identification;
-    const Verifier &verifier = stage.verifier();
+    const Verifier &verifier = tracker->identification.verifier();
     if (based < 2 || !are_numbers(base, based, stars->count) ||
         !are_numbers(pattern, based, verifier.sky.stars)) {
         return ST_BAD_INPUT;
@@ -216,18 +236,8 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
     const ImageStars image = stars_of(*stars, *tracker);
     Verification result = st::verification(image.count, tracker->work);
     verify(verifier, image, base, pattern, static_cast<int>(based), tested, result, tracker->work);
-    const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
-    *verification = {no_attitude(), result.found.focal_ratio, result.false_alarm};
-    for (int i = 0; i < image.count; ++i) {
-        star[i] = result.found.star[i];
-        residual_px[i] = result.found.residual[i] * pixels;
-        residual_rad[i] = NAN;
-    }
-    if (result.false_alarm < 1) {
-        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
-                                              result.found, residual_rad, tracker->work);
-        set_fit(best, residual_rad, image.count, 1 / pixels, verification->attitude);
-    }
+    publish(*tracker, image, result, *verification, star, residual_px, residual_rad,
+            tracker->work);
     return ST_OK;
 }
 
@@ -254,7 +264,8 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
     *false_alarm_probability = 1.0;
     for (size_t i = 0; i < count; ++i) {
         const int32_t *four = base + QUAD * i, *star = pattern + QUAD * i;
-        const Supporters others = supporters(verifier.sky, image, four, verifier.tolerance_sigmas);
+        const Supporters others =
+            supporters(verifier.sky.stars, image, four, verifier.tolerance_sigmas);
         if (!(st::support(verifier.sky, others, star[0], star[1], star[2], least_support) >
               least_support)) {
             continue;
@@ -263,6 +274,62 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
         if (result.false_alarm < *false_alarm_probability) {
             *best = static_cast<int32_t>(i);
             *false_alarm_probability = result.false_alarm;
+        }
+    }
+    return ST_OK;
+}
+
+st_status st_few_stars(st_tracker *tracker, const st_image_stars *stars,
+                       const st_triangle_table *table, double false_alarm_max, double most_work_s,
+                       st_verification *verification, int32_t *star, double *residual_px,
+                       double *residual_rad, double *work_s) {
+    const st_status status = check(tracker, stars);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (table == nullptr || verification == nullptr || star == nullptr || residual_px == nullptr ||
+        residual_rad == nullptr || work_s == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const Arena::Scope scope(tracker->work);
+    const ImageStars image = stars_of(*stars, *tracker);
+    Verification best = st::verification(image.count, tracker->work);
+    std::fill(best.found.star, best.found.star + image.count, -1);
+    std::fill(best.found.residual, best.found.residual + image.count, NAN);
+    *work_s = 1e-9 * find_few_stars(tracker->identification.verifier(), *table, image,
+                                    false_alarm_max, 1e9 * most_work_s, best, tracker->work);
+    publish(*tracker, image, best, *verification, star, residual_px, residual_rad, tracker->work);
+    return ST_OK;
+}
+
+st_status st_support_in_cells(const st_star_cells *sky, const st_image_stars *stars,
+                              double tolerance_sigmas, const int32_t *base, const int32_t *star,
+                              size_t count, double least, double *support) {
+    if (sky == nullptr || sky->direction == nullptr || sky->start == nullptr ||
+        sky->member == nullptr || stars == nullptr ||
+        (stars->count > 0 && (stars->direction == nullptr || stars->sigma_rad == nullptr)) ||
+        (count > 0 && (base == nullptr || star == nullptr || support == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    if (sky->cells < 1 || !are_numbers(base, QUAD * count, stars->count) ||
+        !are_numbers(star, QUAD * count, sky->stars)) {
+        return ST_BAD_INPUT;
+    }
+    const auto *direction = reinterpret_cast<const float (*)[3]>(sky->direction);
+    const Cells cells{sky->cells, sky->start, sky->member};
+    ImageStars image{};
+    image.count = stars->count;
+    image.direction = const_cast<Vector3 *>(reinterpret_cast<const Vector3 *>(stars->direction));
+    image.sigma = const_cast<double *>(stars->sigma_rad);
+    for (size_t k = 0; k < count; ++k) {
+        const Supporters others = supporters(sky->stars, image, base + QUAD * k, tolerance_sigmas);
+        double left = others.sum;
+        support[k] = 0.0;
+        for (int i = 0; i < others.count && support[k] + left > least; ++i) {
+            left -= others.gain[i];
+            if (is_supported(cells, direction, others, i, star + QUAD * k)) {
+                support[k] += others.gain[i];
+            }
         }
     }
     return ST_OK;

@@ -12,8 +12,6 @@ from startracker_ros.core import native
 from startracker_ros.core.astro.observer_motion import Observer, ObserverMotion
 from startracker_ros.core.attitude.error_budget import ErrorBudget
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.camera.distortion import MODELS
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids
@@ -28,7 +26,6 @@ MOST_CENTROIDS = 5000
 """Capacity of lists of centroids, the brightest; what is not used takes no memory."""
 
 _SKY = 'native_sky'
-_LENSES = list(MODELS)
 _NUMBERS = native.CENTROID.itemsize // 8
 _ABERRATION = ('none', 'earth_only', 'full')
 _UNKNOWN = np.full(3, np.nan)
@@ -114,17 +111,6 @@ def set_options(part: np.ndarray, options: Options, **choices: tuple[str, ...]) 
         if hasattr(options, name):
             value = getattr(options, name)
             part[name] = choices[name].index(value) if name in choices else value
-
-
-def native_camera(camera: Camera) -> np.ndarray:
-    """Return a CAMERA."""
-    made = np.zeros((), native.CAMERA)
-    made['width_px'], made['height_px'] = camera.width, camera.height
-    made['fx_px'], made['fy_px'] = camera.fx, camera.fy
-    made['cx_px'], made['cy_px'] = camera.cx, camera.cy
-    made['distortion'][:len(camera.distortion)] = camera.distortion
-    made['model'] = _LENSES.index(camera.distortion_model)
-    return made
 
 
 def native_sky(onboard: OnboardCatalog) -> np.ndarray:

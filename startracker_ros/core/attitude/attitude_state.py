@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Attitude, body rate and gyro drift with their covariance, propagated and updated: compiled.
+Attitude, body rate and gyro drift with their covariance, propagated and updated.
 
 The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Control 5,
 1982). Its error state about sensor axes is [attitude rad, rate rad/s, drift rad/s], (9,).
@@ -11,9 +11,8 @@ The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Cont
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector, turned
-from startracker_ros.core.maths.small_algebra import inverse
+from startracker_ros.core.maths.rotation import (
+    matrix_from_quaternion, quaternion_from_rotation_vector, turned)
 
 
 class AttitudeState(NamedTuple):
@@ -37,9 +36,20 @@ class AttitudeState(NamedTuple):
 
         acceleration_density (3,) about each axis and drift_density, that of the change of the
         drift about all axes, are spectral densities in rad^2/s^3.
+
+        P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I.
         """
-        return AttitudeState(to_ns, *_propagated_at_constant_rate(
-            *self[1:], (to_ns - self.stamp_ns) * 1e-9, acceleration_density, drift_density))
+        dt_s = (to_ns - self.stamp_ns) * 1e-9
+        quaternion, transition = _turned(self.quaternion, self.rate * dt_s)
+        transition[:3, 3:6] = dt_s * _EYE
+        process, white = np.zeros((9, 9)), acceleration_density * _EYE
+        process[:3, :3] = dt_s ** 3 / 3 * white
+        process[:3, 3:6] = process[3:6, :3] = dt_s ** 2 / 2 * white
+        process[3:6, 3:6] = dt_s * white
+        process[6:, 6:] = drift_density * dt_s * _EYE
+        return self._replace(
+            stamp_ns=to_ns, quaternion=quaternion,
+            covariance=transition @ self.covariance @ transition.T + process)
 
     def propagated_at_gyro_rates(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray,
                                  noise_density: np.ndarray, attitude_variance: np.ndarray,
@@ -50,13 +60,35 @@ class AttitudeState(NamedTuple):
         They last for dt_s (K,) one after another. The rate of the state before is not used.
         noise_density (K,) is that of the white noise of the gyro, rad^2/s; attitude_variance (K,)
         rad^2 is added to each axis.
+
+        P <- Phi P Phi^T + Q with rate error = -drift error: Phi[attitude, drift] = -dt I.
         """
-        return AttitudeState(to_ns, *_propagated_at_gyro_rates(
-            *self[1:], dt_s, measured, noise_density, attitude_variance, drift_density))
+        quaternion, rate, covariance = self.quaternion, self.rate, self.covariance
+        for dt, gyro, noise, variance in zip(dt_s, measured, noise_density, attitude_variance):
+            rate = gyro - self.drift
+            quaternion, transition = _turned(quaternion, rate * dt)
+            transition[:3, 6:] = -dt * _EYE
+            transition[3:6, 3:6] = 0.0
+            transition[3:6, 6:] = -_EYE
+            covariance = transition @ covariance @ transition.T
+            covariance[:3, :3] += (noise * dt + variance) * _EYE
+            covariance[:3, 3:6] += noise * _EYE
+            covariance[3:6, :3] += noise * _EYE
+            covariance[3:6, 3:6] += noise / dt * _EYE
+            covariance[6:, 6:] += drift_density * dt * _EYE
+        return self._replace(stamp_ns=to_ns, quaternion=quaternion, rate=rate,
+                             covariance=covariance)
 
     def with_rate(self, measured: np.ndarray, variance: float) -> 'AttitudeState':
-        """Return the state updated by a measured rate (3,) of this variance of each axis."""
-        return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance))
+        """
+        Return the state updated by a measured rate (3,) of this variance of each axis.
+
+        K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P.
+        """
+        across = self.covariance[:, 3:6] + self.covariance[:, 6:]
+        gain = np.linalg.solve(across[3:6] + across[6:] + variance * np.eye(3), across.T).T
+        return self._changed(gain @ (measured - self.rate - self.drift),
+                             self.covariance - gain @ across.T)
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
@@ -65,8 +97,22 @@ class AttitudeState(NamedTuple):
         information (3, 3) is the inverse covariance of the measurement, which may be
         singular; vector (3,) is information times the measured rotation vector. With (6, 6) and
         (6,) the rate is measured as well.
+
+        With H = [I 0], Y the information and y the vector:
+        P <- P - P H^T (I + Y H P H^T)^-1 Y H P, x <- x + P H^T y.
         """
-        return AttitudeState(self.stamp_ns, *with_attitude(*self[1:], information, vector))
+        count, P = len(vector), self.covariance
+        gain = np.linalg.solve(np.eye(count) + information @ P[:count, :count], information)
+        after = P - P[:, :count] @ gain @ P[:count]
+        # Rounding makes it unsymmetric, and what is unsymmetric would grow from frame to frame.
+        after = (after + after.T) / 2
+        return self._changed(after[:, :count] @ vector, after)
+
+    def _changed(self, change: np.ndarray, covariance: np.ndarray) -> 'AttitudeState':
+        """Return the state after a change (9,) of its errors."""
+        return AttitudeState(
+            self.stamp_ns, turned(self.quaternion, change[:3]), self.rate + change[3:6],
+            self.drift + change[6:], (covariance + covariance.T) / 2)
 
     def with_new_drift(self, sigma_rad_s: float) -> 'AttitudeState':
         """Return the state with a drift of zero, of this 1-sigma error and uncorrelated."""
@@ -76,89 +122,11 @@ class AttitudeState(NamedTuple):
         return self._replace(drift=np.zeros(3), covariance=covariance)
 
 
-@compiled
-def _turn_transition(turn: np.ndarray) -> np.ndarray:
-    """Return the identity (9, 9) with exp(-[turn]x), the attitude error on turned axes."""
+_EYE = np.eye(3)
+
+
+def _turned(quaternion: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a quaternion after a turn, and the identity (9, 9) with exp(-[turn]x)."""
     transition = np.eye(9)
-    transition[:3, :3] = matrix_from_rotation_vector(turn).T
-    return transition
-
-
-@compiled
-def _propagated_at_constant_rate(
-        quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-        dt_s: float, acceleration_density: np.ndarray, drift_density: float
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I."""
-    turn = rate * dt_s
-    transition = _turn_transition(turn)
-    process = np.zeros((9, 9))
-    for axis in range(3):
-        transition[axis, 3 + axis] = dt_s
-        process[axis, axis] = acceleration_density[axis] * dt_s ** 3 / 3
-        process[axis, 3 + axis] = acceleration_density[axis] * dt_s ** 2 / 2
-        process[3 + axis, axis] = acceleration_density[axis] * dt_s ** 2 / 2
-        process[3 + axis, 3 + axis] = acceleration_density[axis] * dt_s
-        process[6 + axis, 6 + axis] = drift_density * dt_s
-    return turned(quaternion, turn), rate, drift, transition @ covariance @ transition.T + process
-
-
-@compiled
-def _propagated_at_gyro_rates(
-        quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-        dt_s: np.ndarray, measured: np.ndarray, noise_density: np.ndarray,
-        attitude_variance: np.ndarray, drift_density: float
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """P <- Phi P Phi^T + Q with rate error = -drift error: Phi[attitude, drift] = -dt I."""
-    for k in range(len(dt_s)):
-        rate = measured[k] - drift
-        turn = rate * dt_s[k]
-        transition = _turn_transition(turn)
-        for axis in range(3):
-            transition[axis, 6 + axis] = -dt_s[k]
-            transition[3 + axis, 3 + axis] = 0.0
-            transition[3 + axis, 6 + axis] = -1.0
-        quaternion, covariance = turned(quaternion, turn), transition @ covariance @ transition.T
-        for axis in range(3):
-            covariance[axis, axis] += noise_density[k] * dt_s[k] + attitude_variance[k]
-            covariance[axis, 3 + axis] += noise_density[k]
-            covariance[3 + axis, axis] += noise_density[k]
-            covariance[3 + axis, 3 + axis] += noise_density[k] / dt_s[k]
-            covariance[6 + axis, 6 + axis] += drift_density * dt_s[k]
-    return quaternion, rate, drift, covariance
-
-
-@compiled
-def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-               measured: np.ndarray, variance: float
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P."""
-    cross_covariance = covariance[:, 3:6] + covariance[:, 6:]
-    innovation_covariance = cross_covariance[3:6] + cross_covariance[6:] + variance * np.eye(3)
-    gain = cross_covariance @ inverse(innovation_covariance)
-    change = gain @ (measured - rate - drift)
-    after = covariance - gain @ cross_covariance.T
-    return (turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:],
-            (after + after.T) / 2)
-
-
-@compiled
-def with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
-                  covariance: np.ndarray, information: np.ndarray, vector: np.ndarray
-                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return quaternion, rate, drift and covariance as the method of AttitudeState has them.
-
-    With H = [I 0], Y the information and y the vector:
-    P <- P - P H^T (I + Y H P H^T)^-1 Y H P, x <- x + P H^T y.
-    """
-    count = len(vector)
-    measured = np.ascontiguousarray(covariance[:count, :count])
-    rows = np.ascontiguousarray(covariance[:count])
-    columns = np.ascontiguousarray(covariance[:, :count])
-    gain = np.linalg.solve(np.eye(count) + information @ measured, information)
-    after = covariance - columns @ gain @ rows
-    # Rounding makes it unsymmetric, and what is unsymmetric would grow from frame to frame.
-    after = (after + after.T) / 2
-    change = np.ascontiguousarray(after[:, :count]) @ vector
-    return turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:], after
+    transition[:3, :3] = matrix_from_quaternion(quaternion_from_rotation_vector(turn)).T
+    return turned(quaternion, turn), transition

@@ -17,7 +17,7 @@ from startracker_ros.core.integrity.protection import ProtectionOptions
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.integrity.validation import TrustedAttitude, ValidationOptions
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified,
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified,
     native_sky, NativeTracker, ObserverInput, set_options, TRUSTS)
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
@@ -42,7 +42,7 @@ class AttitudeStage:
         self._config['capacities']['centroids'] = MOST_CENTROIDS
         self._set(options, protection)
         self._tracker = NativeTracker(
-            self._config, native_camera(camera), native_sky(self.sky.onboard))
+            self._config, camera.native, native_sky(self.sky.onboard))
         self._observers = ObserverInput(self._tracker, motion)
         self._trusted, self._tracked = (np.zeros((), kind) for kind in (
             native.TRUSTED, native.ATTITUDE))

@@ -17,7 +17,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.native_tracker import (
-    attitude_of, MOST_CENTROIDS, native_camera, native_centroids, native_identified, native_sky,
+    attitude_of, MOST_CENTROIDS, native_centroids, native_identified, native_sky,
     NativeTracker, ObserverInput, set_options, TRACKS)
 from startracker_ros.core.registry import MODELS
 from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
@@ -91,7 +91,7 @@ class TrackFilter:
         capacities['rates'] = MOST_RATES
         set_options(self._config['gyro'], gyro)
         set_options(self._config['tracking'], options, **_CHOICES)
-        self._tracker = NativeTracker(self._config, native_camera(camera), native_sky(onboard))
+        self._tracker = NativeTracker(self._config, camera.native, native_sky(onboard))
         self._tracking, self._hint = (np.zeros((), kind) for kind in (
             native.TRACKING, native.HINT))
         self._tracking_at = self._tracking.ctypes.data
