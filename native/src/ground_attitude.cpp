@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "attitude/solution.h"
+#include "ground.h"
 #include "identify/identification_stage.h"
 #include "integrity/protection.h"
 #include "startracker_ground.h"
@@ -15,12 +16,7 @@ using namespace st;
 namespace {
 
 constexpr size_t MOST_STARS = 10000000;
-static_assert(sizeof(Vector3) == 3 * sizeof(double) && sizeof(StarError) == 5 * sizeof(double),
-              "arrays of a caller are used in place");
-
-const Vector3 *vectors(const double *array) {
-    return reinterpret_cast<const Vector3 *>(array);
-}
+static_assert(sizeof(StarError) == 5 * sizeof(double), "rows of a caller are used in place");
 
 }  // namespace
 

@@ -9,26 +9,13 @@
 #include "blind/lens_growth.h"
 #include "blind/quads.h"
 #include "blind/sky_triangle.h"
+#include "ground.h"
 #include "sky/near.h"
 #include "startracker_ground.h"
 
 using namespace st;
 
 namespace {
-
-constexpr size_t QUAD = 4;
-static_assert(sizeof(Vector3) == 3 * sizeof(double), "directions are given as (count, 3)");
-
-const Vector3 *vectors(const double *array) {
-    return reinterpret_cast<const Vector3 *>(array);
-}
-
-/// Whether numbers are of count things.
-bool are_numbers(const int32_t *numbers, size_t given, size_t count) {
-    return std::all_of(numbers, numbers + given, [count](int32_t number) {
-        return number >= 0 && static_cast<size_t>(number) < count;
-    });
-}
 
 bool is_given(const st_sky_and_spots *seen) {
     return seen != nullptr && seen->stars >= 0 && seen->spots >= 0 &&
@@ -304,7 +291,7 @@ st_status st_stars_in_image(const st_camera *camera, const double quaternion[4],
     }
     const LensView view = view_of(*camera, quaternion);
     const Matrix3 R = matrix_from_quaternion(view.q);
-    const double least = std::cos(corner_angle(view.lens));
+    const double least = least_cosine(view.lens);
     size_t found = 0;
     for (size_t i = 0; i < stars; ++i) {
         const Point at =

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "blind/few_stars.h"
+#include "ground.h"
 #include "startracker_ground.h"
 #include "tracker.h"
 
@@ -14,9 +15,7 @@ using namespace st;
 
 namespace {
 
-constexpr int QUAD = 4;
 constexpr size_t MOST_GIVEN = 100000000;
-static_assert(sizeof(Vector3) == 3 * sizeof(double), "directions are given as (count, 3)");
 
 bool are_given(const st_pairs &pairs) {
     return pairs.pairs == 0 || (pairs.star != nullptr && pairs.direction != nullptr &&
@@ -24,7 +23,7 @@ bool are_given(const st_pairs &pairs) {
                                 pairs.member != nullptr && pairs.previous != nullptr);
 }
 
-const double (*vectors(const double *array))[3] {
+const double (*rows(const double *array))[3] {
     return reinterpret_cast<const double (*)[3]>(array);
 }
 
@@ -32,7 +31,7 @@ Pairs pairs_of(const st_pairs &pairs) {
     Pairs made{pairs.stars,
                pairs.pairs,
                pairs.star,
-               vectors(pairs.direction),
+               rows(pairs.direction),
                pairs.separation_rad,
                pairs.below,
                pairs.member,
@@ -71,8 +70,8 @@ st_status check(const st_config *config, const st_camera *camera, const st_patte
 Setup setup_for(const st_config &config, const st_patterns &given) {
     const Cells cells{given.cells, given.start, given.member};
     return {{},
-            {{given.stars, given.hip, vectors(given.direction), given.magnitude, given.blended,
-              cells, pairs_of(given.bright), pairs_of(given.pairs)},
+            {{given.stars, given.hip, rows(given.direction), given.magnitude, given.blended, cells,
+              pairs_of(given.bright), pairs_of(given.pairs)},
              {given.bright_image_stars, given.bright_triangles},
              given.scale_error,
              given.bases_by_brightness != 0,
@@ -92,12 +91,6 @@ st_status check(const st_tracker *tracker, const st_image_stars *stars) {
     return stars->count < 0                                      ? ST_BAD_INPUT
            : stars->count > tracker->identification.most_stars() ? ST_TOO_MANY
                                                                  : ST_OK;
-}
-
-/// Whether numbers are of count things.
-bool are_numbers(const int32_t *numbers, size_t given, int32_t count) {
-    return std::all_of(numbers, numbers + given,
-                       [count](int32_t number) { return number >= 0 && number < count; });
 }
 
 /// Return the image stars of a caller in the work memory of a tracker.
@@ -270,7 +263,7 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
               least_support)) {
             continue;
         }
-        verify(verifier, image, four, star, QUAD, tested, result, tracker->work);
+        verify(verifier, image, four, star, static_cast<int>(QUAD), tested, result, tracker->work);
         if (result.false_alarm < *false_alarm_probability) {
             *best = static_cast<int32_t>(i);
             *false_alarm_probability = result.false_alarm;
@@ -319,7 +312,7 @@ st_status st_support_in_cells(const st_star_cells *sky, const st_image_stars *st
     const Cells cells{sky->cells, sky->start, sky->member};
     ImageStars image{};
     image.count = stars->count;
-    image.direction = const_cast<Vector3 *>(reinterpret_cast<const Vector3 *>(stars->direction));
+    image.direction = const_cast<Vector3 *>(vectors(stars->direction));
     image.sigma = const_cast<double *>(stars->sigma_rad);
     for (size_t k = 0; k < count; ++k) {
         const Supporters others = supporters(sky->stars, image, base + QUAD * k, tolerance_sigmas);

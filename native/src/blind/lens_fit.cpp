@@ -148,6 +148,17 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
     }
 }
 
+double least_cosine(const Lens &lens) {
+    const double angle = corner_angle(lens);
+    if (std::isfinite(angle)) {
+        return std::cos(angle);
+    }
+    Lens ideal = lens;
+    ideal.terms = {};
+    ideal.distorted = false;
+    return std::cos(corner_angle(ideal));
+}
+
 Point pixel_in_image(const Lens &lens, double least, const Vector3 &sensor) {
     const Point outside{NAN, NAN};
     if (sensor[2] < least) {

@@ -63,8 +63,11 @@ Point linearised(const LensView &view, const Matrix3 &R, const Vector3 &icrf, in
 void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *star, double *square,
               LensFit &fit);
 
-/// Return the pixel of a star on sensor axes that is in the image, NaN else; least is the cosine of
-/// corner_angle(): farther off a distortion may fold back into the image.
+/// Return the cosine of the largest angle between the axis and a corner of the image: farther off a
+/// distortion may fold back into it. Of a lens that has no inverse there, that without distortion.
+double least_cosine(const Lens &lens);
+
+/// Return the pixel of a star on sensor axes that is in the image, NaN else.
 Point pixel_in_image(const Lens &lens, double least, const Vector3 &sensor);
 
 }  // namespace st

@@ -77,7 +77,7 @@ void gated_stars(const LensFit &fit, int parameters, double error_px, const SkyA
                  int32_t *star, double *best) {
     const Lens &lens = fit.view.lens;
     const Matrix3 R = matrix_from_quaternion(fit.view.q);
-    const double least = std::fmax(std::cos(corner_angle(lens)), WIDEST_COS);
+    const double least = std::fmax(least_cosine(lens), WIDEST_COS);
     const double largest =
         MOST_CHANCE * lens.width * lens.height / (M_PI * std::max(seen.spots, 1));
     std::fill(star, star + seen.spots, -1);
