@@ -136,7 +136,7 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
                 information[j][k] = information[k][j];
             }
         }
-        double determinant;
+        double determinant = 0.0;
         fit.P = inverse_and_determinant(information, determinant);
         const Parameters change = fit.P * gradient;
         fit.view = changed(fit.view, change);

@@ -119,7 +119,7 @@ void match_quad(const st_quad_table &table, const Vector3 *direction, const int3
                     four[rest++] = stars[c];
                 }
             }
-            Code code;
+            Code code{};
             if (!quad_code(direction, four, code)) {
                 continue;
             }
@@ -153,7 +153,7 @@ int make_quads(const QuadBuild &level, int32_t a, int32_t b, float *code, int32_
                 continue;
             }
             int32_t four[4] = {a, b, inner[j], inner[i]};
-            Code one;
+            Code one{};
             bool ordered = quad_code(direction, four, one) && in_order(one, 0.0);
             for (int order = 1; !ordered && order < ORDERS; ++order) {
                 exchange(order % 2 != 0, four, one);

@@ -112,10 +112,12 @@ def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
         x, y, z = rotation.tolist()
         half = math.sqrt(x * x + y * y + z * z) / 2
         # The limit of sin(a / 2) / a at zero.
-        scale = math.sin(half) / (2 * half) if half > 0 else 0.5
-        return np.array((x * scale, y * scale, z * scale, math.cos(half)))
+        scale = np.sin(half) / (2 * half) if half > 0 else 0.5
+        return np.array((x * scale, y * scale, z * scale, np.cos(half)))
     half = np.sqrt(np.sum(rotation ** 2, -1, keepdims=True)) / 2
-    return np.concatenate([rotation * np.sinc(half / np.pi) / 2, np.cos(half)], -1)
+    scale = np.full_like(half, 0.5)
+    np.divide(np.sin(half), 2 * half, out=scale, where=half > 0)
+    return np.concatenate([rotation * scale, np.cos(half)], -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
