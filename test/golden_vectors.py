@@ -33,8 +33,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.camera.lens import shows
-from startracker_ros.core.camera.native_camera import image_jacobian, native_camera
+from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.native import aligned
@@ -45,14 +44,11 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
 from startracker_ros.core.integrity.systematic_errors import velocity_covariance
-from startracker_ros.core.maths.compiled_rotation import (
-    matrix_from_rotation_vector, sensor_directions, turn_matrix, turned)
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
-    angle_between, ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_axes,
-    quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude, rotate,
-    rotation_vector_from_quaternion, sign_continuous)
-from startracker_ros.core.maths.small_algebra import determinant, inverse, is_positive_definite
+    angle_between, ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply,
+    quaternion_from_axes, quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude,
+    rotate, rotation_vector_from_quaternion, sign_continuous, turned)
 from startracker_ros.core.native import check_sky, NativeError
 from startracker_ros.core.native_tracker import (
     native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
@@ -117,7 +113,7 @@ def camera_outputs(values: Values) -> Values:
     direction = camera.unproject(pixel)
     return {'direction': direction, 'projected_pixel': camera.project(direction),
             'flow_px_rad': image_jacobian(camera, direction),
-            'shown': [shows(camera.lens, *uv) for uv in pixel],
+            'shown': camera.contains(pixel).tolist(),
             'quaternion_of_middle': camera.middle_axes,
             'corner_angle_rad': camera.corner_angle_rad}
 
@@ -141,15 +137,15 @@ def rotation_outputs(values: Values) -> Values:
         'covariance_sensor')
     step, after, turned_by_g = (
         quaternion_from_rotation_vector(vector), turned(q, vector), matrix_from_quaternion(q))
-    turn_matrix(turned_by_g, *g)
+    across = np.cross(np.eye(3), g)
+    turned_by_g = turned_by_g @ (np.eye(3) + 2 / (1 + g @ g) * (across + across @ across))
     return {'quaternion_of_vector': step, 'quaternion_product': multiply(q, step),
             'quaternion_turned': after, 'vector_of_quaternion': rotation_vector_from_quaternion(
                 step), 'attitude_error_rad': attitude_error(after, q),
-            'matrix': matrix_from_quaternion(q), 'matrix_of_vector': matrix_from_rotation_vector(
-                vector),
+            'matrix': matrix_from_quaternion(q), 'matrix_of_vector': matrix_from_quaternion(step),
             # Not named a quaternion, of which the sign would not count.
             'sign_continuous': sign_continuous(after, -q),
-            'sensor_direction': sensor_directions(matrix_from_quaternion(q), z[None])[0],
+            'sensor_direction': rotate(conjugate(q), z),
             'quaternion_of_matrix': quaternion_from_matrix(matrix_from_quaternion(after)),
             'matrix_turned': turned_by_g, 'quaternion_of_axes': quaternion_from_axes(z, towards_y),
             'angle_rad': float(angle_between(z, near_z)),
@@ -174,12 +170,12 @@ def algebra_inputs() -> Iterator[tuple[str, Values]]:
 
 def algebra_outputs(values: Values) -> Values:
     symmetric, right = arrays(values, 'symmetric', 'right')
-    return {'determinant_3': determinant(symmetric), 'inverse_3': inverse(symmetric),
+    block = symmetric[:3, :3]
+    return {'determinant_3': np.linalg.det(block), 'inverse_3': np.linalg.inv(block),
             'cholesky': np.linalg.cholesky(symmetric), 'solution': np.linalg.solve(
                 symmetric, right),
-            'indefinite': [not is_positive_definite(symmetric),
-                           not is_positive_definite(symmetric - 2 * symmetric[0, 0] * np.eye(
-                               len(symmetric)))],
+            'indefinite': [bool(np.linalg.eigvalsh(one)[0] <= 0) for one in (
+                block, block - 2 * symmetric[0, 0] * np.eye(3))],
             'gate': [gate(p, dof) for p in values['probability'] for dof in values['dof']]}
 
 
@@ -585,7 +581,7 @@ def tracking_outputs(values: Values) -> Values:
     sky, config = aligned(len(content)), native.defaults()
     sky[:] = content
     config['stages'], config['tracking']['model'] = TRACKS | TRUSTS, values['model']
-    tracker = NativeTracker(config, native_camera(camera_of(values)), sky)
+    tracker = NativeTracker(config, camera_of(values).native, sky)
     tracking, trusted, later = (np.zeros((), kind) for kind in (
         native.TRACKING, native.TRUSTED, native.ATTITUDE))
     first, states, reasons, matched = 0, [], [], []

@@ -13,7 +13,6 @@ from native_core import call
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera as camera_struct
 from startracker_ros.core.catalog.sky_grid import sky_grid
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.stored_arrays import write_arrays
@@ -133,27 +132,27 @@ def coordinated_turn(dt_s, rate_rad_s, density) -> tuple[np.ndarray, np.ndarray]
 
 def rolled(camera, rate_rad_s, dt_s) -> np.ndarray:
     transition = np.empty((4, 4))
-    call('stt_rolled', camera_struct(camera), float(rate_rad_s), float(dt_s), transition)
+    call('stt_rolled', camera.native, float(rate_rad_s), float(dt_s), transition)
     return transition
 
 
 def turn_curvature(camera, uv, rate, dt_s) -> np.ndarray:
     curvature = np.empty((len(uv), 4))
-    call('stt_turn_curvature', camera_struct(camera), real(uv), len(uv), real(rate), float(dt_s),
+    call('stt_turn_curvature', camera.native, real(uv), len(uv), real(rate), float(dt_s),
          curvature)
     return curvature
 
 
 def moved_by(camera, uv, variance, rate, rate_covariance):
     state, covariance = np.empty((len(uv), 4)), np.empty((len(uv), 4, 4))
-    call('stt_moved_by', camera_struct(camera), real(uv), real(variance), len(uv), real(rate),
+    call('stt_moved_by', camera.native, real(uv), real(variance), len(uv), real(rate),
          real(rate_covariance), state, covariance)
     return state, covariance
 
 
 def propagated(camera, uv, rate, dt_s) -> np.ndarray:
     moved = np.empty((len(uv), 2))
-    call('stt_propagated', camera_struct(camera), real(uv), len(uv), real(rate), float(dt_s),
+    call('stt_propagated', camera.native, real(uv), len(uv), real(rate), float(dt_s),
          moved)
     return moved
 
@@ -161,21 +160,21 @@ def propagated(camera, uv, rate, dt_s) -> np.ndarray:
 def body_rate(camera, uv, velocity, covariance):
     """Return the rate (3,) and its covariance (3, 3), None where it is not fixed."""
     rate, rate_covariance = np.empty(3), np.empty((3, 3))
-    fixed = call('stt_body_rate', camera_struct(camera), real(uv), real(velocity),
+    fixed = call('stt_body_rate', camera.native, real(uv), real(velocity),
                  upper(covariance), len(uv), rate, rate_covariance)
     return (rate, rate_covariance) if fixed else None
 
 
 def rate_between_frames(camera, before, after, dt_s):
     rate = np.empty(3)
-    agree = call('stt_rate_between_frames', camera_struct(camera), centroid_structs(before),
+    agree = call('stt_rate_between_frames', camera.native, centroid_structs(before),
                  len(before), centroid_structs(after), len(after), float(dt_s), rate)
     return rate if agree else None
 
 
 def star_neighbourhood(camera, predicted, icrf, uv, sigma_px) -> np.ndarray:
     assigned = np.zeros(len(predicted), np.int32)
-    call('stt_star_neighbourhood', camera_struct(camera), real(predicted), real(icrf),
+    call('stt_star_neighbourhood', camera.native, real(predicted), real(icrf),
          len(predicted), real(uv), real(np.broadcast_to(sigma_px, len(uv))), len(uv), assigned)
     return assigned
 
@@ -194,7 +193,7 @@ class View:
 
     def __init__(self, sky, camera, years=0.0, moved_au=(0.0, 0.0, 0.0)) -> None:
         self._sky = sky
-        assert call('stt_open_view', sky, camera_struct(camera), float(years), real(moved_au))
+        assert call('stt_open_view', sky, camera.native, float(years), real(moved_au))
 
     def add_observer(self, stamp_ns, observer) -> None:
         call('stt_add_observer', np.array(stamp_ns, np.int64), observer)
@@ -265,7 +264,7 @@ def fit_rotation(camera, icrf, uv, sigma_px, candidate, solver='quest'):
     count = len(uv)
     attitude, figures = np.empty(13), np.empty(4)
     normalised, inlier = np.empty(count), np.empty(count, np.int32)
-    if not call('stt_fit_rotation', camera_struct(camera), real(icrf), real(uv), real(sigma_px),
+    if not call('stt_fit_rotation', camera.native, real(icrf), real(uv), real(sigma_px),
                 whole(candidate), count, SOLVERS.index(solver), attitude, figures, normalised,
                 inlier):
         return None

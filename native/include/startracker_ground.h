@@ -200,6 +200,157 @@ typedef struct {
 /* Advance a state, position in m and velocity in m/s, by so many steps. */
 ST_API void st_propagate_orbit(const st_gravity *gravity, double step_s, int32_t steps,
                                double state[6]);
+/* ---- attitudes by themselves --------------------------------------------------------------- */
+
+/* The attitude of directions sensor and icrf (count, 3) to the same stars, of any length, with errors
+ * sigma_rad (count), by an st_solver; residual_rad (count) is the angle of each. The reason is why
+ * there is none. work has 512 bytes and 64 for each star. */
+ST_API st_status st_fit_attitude(int32_t solver, const double *sensor, const double *icrf,
+                                 const double *sigma_rad, size_t count, st_attitude *attitude,
+                                 double *residual_rad, st_reason *reason, void *work,
+                                 size_t bytes);
+
+/* The protection level about sensor axes of an attitude of this covariance: docs/integrity.md. Rows of
+ * stars (count, 5) are direction, sigma_rad and residual_rad; rejected is how many more were found
+ * to be false. */
+ST_API st_status st_protection_level(const double covariance_rad2[9], const double *stars,
+                                     size_t count, double misleading_probability,
+                                     double false_star_probability, int32_t rejected,
+                                     double level_rad[3]);
+
+/* ---- blind search of photographs ----------------------------------------------------------- */
+
+/* The pairs i < j (found, 2) of stars direction (stars, 3) within a chord, and squared chords (found).
+ * The stars are by the cells of a cube, cells along each axis: those of cell c are member from
+ * start[c] to start[c + 1]. found is a capacity, then how many there are. */
+ST_API st_status st_pairs_within(const double *direction, size_t stars, const int32_t *start,
+                                 const int32_t *member, int32_t cells, double chord,
+                                 int32_t *pairs, double *square, size_t *found);
+
+#define ST_QUAD_CELLS 26 /* of codes of quads along x, 0 to 1; twice as many along y, -1 to 1 */
+#define ST_MOST_QUAD_INNER 4
+
+/* Quads of the sky in the order of the cells of their codes: code (quads, 4), side_rad (quads) of
+ * A B; those of cell c are start[c] to start[c + 1]. No array is copied or checked. */
+typedef struct {
+    const float *code, *side_rad;
+    const int32_t *start;
+} st_quad_table;
+
+/* The quads of a table that have the code of one of quads (count, 4) of image stars, whose direction
+ * (stars, 3) may be NaN, within a tolerance. The side of the sky is low to high times that of the
+ * image. image (found, 4) are stars in the order of the code, row (found) those of the table, ratio
+ * (found) of the sides. found is a capacity, then how many there are. */
+ST_API st_status st_match_quads(const st_quad_table *table, const double *direction, size_t stars,
+                                const int32_t *quads, size_t count, double tolerance, double low,
+                                double high, int32_t *image, int32_t *row, double *ratio,
+                                size_t *found);
+
+/* The quads with A and B in pairs (count, 2) of the stars direction (stars, 3), C and D two of the
+ * most_inner brightest ones between them: code and star (found, 4), side_rad (found). Neighbours of
+ * star s, brightest first, are start[s] to start[s + 1]. most_inner (most_inner - 1) / 2 quads of
+ * each pair have room; found is how many there are. */
+ST_API st_status st_make_quads(const double *direction, size_t stars, const int32_t *pairs,
+                               size_t count, const int32_t *neighbour, const int32_t *start,
+                               int32_t most_inner, float *code, int32_t *star, float *side_rad,
+                               size_t *found);
+
+#define ST_TRIANGLE_CELLS 40 /* of codes of triangles along each axis */
+
+/* Triangles of the sky in the order of the cells of their codes, then of the longest side: side_rad
+ * (triangles, 3), the longest first, star (triangles, 3) opposite; those of cell c are start[c] to
+ * start[c + 1]. neighbour (stars, neighbours) are the bright stars about each one, -1 where there
+ * are fewer; low_rad to high_rad are the longest sides. No array is copied or checked. */
+typedef struct {
+    const float *side_rad;
+    const int32_t *star, *start, *neighbour;
+    double low_rad, high_rad;
+    int32_t neighbours;
+    int32_t reserved;
+} st_triangle_table;
+
+/* All triangles of the stars direction (stars, 3) with sides of partners: the fainter ones of star s
+ * are start[s] to start[s + 1]. side_rad and star (found, 3), cell (found) of the code. found is a
+ * capacity, then how many there are. */
+ST_API st_status st_make_triangles(const double *direction, size_t stars, const int32_t *partner,
+                                   const int32_t *start, double shortest_rad,
+                                   double least_longest_rad, double longest_rad, float *side_rad,
+                                   int32_t *star, int32_t *cell, size_t *found);
+
+/* The most probable triangle of image stars, or the first below false_alarm_max, by so much work, as
+ * st_verify(): a few stars among many false spots. Work is the time that it is expected to take on
+ * a processor of 3 GHz; *work_s beyond most_work_s: not all was searched. */
+ST_API st_status st_few_stars(st_tracker *tracker, const st_image_stars *stars,
+                              const st_triangle_table *table, double false_alarm_max,
+                              double most_work_s, st_verification *verification, int32_t *star,
+                              double *residual_px, double *residual_rad, double *work_s);
+
+/* Directions of a catalogue (stars, 3) too large for a sky file, and their cells. */
+typedef struct {
+    const float *direction;
+    const int32_t *start, *member;
+    int32_t stars, cells;
+} st_star_cells;
+
+/* How much other image stars support that base (count, 4) are the stars (count, 4) of a catalogue,
+ * as far as it is beyond least. */
+ST_API st_status st_support_in_cells(const st_star_cells *sky, const st_image_stars *stars,
+                                     double tolerance_sigmas, const int32_t *base,
+                                     const int32_t *star, size_t count, double least,
+                                     double *support);
+
+#define ST_MOST_LENS_PARAMETERS 11
+
+/* Where the fit of a lens begins. free are prior standard deviations of its parameters: a turn about
+ * sensor axes (3), rad, logarithms of focal length and pixel ratio, principal point (2) in widths of
+ * the image, and the radial terms from k1 on. */
+typedef struct {
+    st_camera start;
+    double free[ST_MOST_LENS_PARAMETERS];
+    int32_t parameters; /* 8 .. 11 */
+    int32_t reserved;
+} st_lens_prior;
+
+/* A lens that is fitted to one image; covariance is that of its parameters. */
+typedef struct {
+    st_camera camera;
+    double quaternion[4]; /* q_icrf_from_sensor */
+    double covariance[ST_MOST_LENS_PARAMETERS][ST_MOST_LENS_PARAMETERS];
+    double error_px;    /* per axis, that the residuals show */
+    double probability; /* of st_grow_lens(): that its matches are chance */
+    int32_t folds;      /* 1: it folds the image over itself, or is none at all */
+    int32_t reserved;
+} st_fitted_lens;
+
+/* Unit vectors direction (stars, 3) in ICRF; places spot_px (spots, 2), sigma_px (spots). */
+typedef struct {
+    const double *direction, *spot_px, *sigma_px;
+    int32_t stars, spots;
+} st_sky_and_spots;
+
+/* Fit a lens, from the camera and the attitude that it has, to spots whose stars are known: star
+ * (spots), -1 for none. The three calls need work of 512 bytes and 32 for each spot. */
+ST_API st_status st_fit_lens(const st_lens_prior *prior, const st_sky_and_spots *seen,
+                             const int32_t *star, st_fitted_lens *lens, void *work, size_t bytes);
+
+/* The star (spots), one to one, -1 for none, in whose gate by a fitted lens of so many parameters
+ * each spot is. */
+ST_API st_status st_gated_stars(const st_fitted_lens *lens, int32_t parameters, double error_px,
+                                const st_sky_and_spots *seen, int32_t *star, void *work,
+                                size_t bytes);
+
+/* The most probable of the lenses that are grown from candidates: spots (count, 4) may be the stars
+ * (count, 4), in a lens whose focal length is that of the prior over ratio (count). */
+ST_API st_status st_grow_lens(const st_lens_prior *prior, const st_sky_and_spots *seen,
+                              const int32_t *spots, const int32_t *stars, const double *ratio,
+                              size_t count, st_fitted_lens *lens, int32_t *star, void *work,
+                              size_t bytes);
+
+/* The stars direction (stars, 3) that a camera of an attitude shows: index and pixel (count, 2), which
+ * have room for all. */
+ST_API st_status st_stars_in_image(const st_camera *camera, const double quaternion[4],
+                                   const double *direction, size_t stars, int32_t *index,
+                                   double *pixel, size_t *count);
 
 /* ---- checks of integrity: docs/integrity.md has their evidence and what follows ------------- */
 

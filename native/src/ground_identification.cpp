@@ -7,6 +7,8 @@
 #include <cmath>
 
 #include "attitude/results.h"
+#include "blind/few_stars.h"
+#include "ground.h"
 #include "startracker_ground.h"
 #include "tracker.h"
 
@@ -14,9 +16,7 @@ using namespace st;
 
 namespace {
 
-constexpr int QUAD = 4;
 constexpr size_t MOST_GIVEN = 100000000;
-static_assert(sizeof(Vector3) == 3 * sizeof(double), "directions are given as (count, 3)");
 
 bool are_given(const st_pairs &pairs) {
     return pairs.pairs == 0 || (pairs.star != nullptr && pairs.direction != nullptr &&
@@ -24,7 +24,7 @@ bool are_given(const st_pairs &pairs) {
                                 pairs.member != nullptr && pairs.previous != nullptr);
 }
 
-const double (*vectors(const double *array))[3] {
+const double (*rows(const double *array))[3] {
     return reinterpret_cast<const double (*)[3]>(array);
 }
 
@@ -32,7 +32,7 @@ Pairs pairs_of(const st_pairs &pairs) {
     Pairs made{pairs.stars,
                pairs.pairs,
                pairs.star,
-               vectors(pairs.direction),
+               rows(pairs.direction),
                pairs.separation_rad,
                pairs.below,
                pairs.member,
@@ -78,7 +78,7 @@ st_status set_up_for(const st_config *config, const st_camera *camera, const st_
     if (status == ST_OK) {
         const Cells cells{given->cells, given->start, given->member};
         setup.identification = {
-            {given->stars, given->hip, vectors(given->direction), given->magnitude, given->blended,
+            {given->stars, given->hip, rows(given->direction), given->magnitude, given->blended,
              cells, pairs_of(given->bright), pairs_of(given->pairs)},
             {given->bright_image_stars, given->bright_triangles},
             given->scale_error,
@@ -103,12 +103,6 @@ st_status check(const st_tracker *tracker, const st_image_stars *stars) {
                                                                  : ST_OK;
 }
 
-/// Whether numbers are of count things.
-bool are_numbers(const int32_t *numbers, size_t given, int32_t count) {
-    return std::all_of(numbers, numbers + given,
-                       [count](int32_t number) { return number >= 0 && number < count; });
-}
-
 /// Return the image stars of a caller in the work memory of a tracker.
 ImageStars stars_of(const st_image_stars &given, st_tracker &tracker) {
     ImageStars stars = image_stars(given.count, tracker.work);
@@ -121,6 +115,28 @@ ImageStars stars_of(const st_image_stars &given, st_tracker &tracker) {
     }
     complete(tracker.identification.lens().equidistant, stars, tracker.work);
     return stars;
+}
+
+/// Fill what a call for image stars returns of a verification: the best fit where it is not rejected.
+void publish(const st_tracker &tracker, const ImageStars &image, const Verification &result,
+             st_verification &verification, int32_t *star, double *residual_px,
+             double *residual_rad, Arena &work) {
+    const IdentificationStage &stage = tracker.identification;
+    const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
+    set_unknown(verification.attitude);
+    verification.focal_ratio = result.found.focal_ratio;
+    verification.false_alarm_probability = result.false_alarm;
+    for (int i = 0; i < image.count; ++i) {
+        star[i] = result.found.star[i];
+        residual_px[i] = result.found.residual[i] * pixels;
+        residual_rad[i] = NAN;
+    }
+    if (result.false_alarm < 1) {
+        const Verifier &verifier = stage.verifier();
+        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
+                                              result.found, residual_rad, work);
+        set_fit(best, residual_rad, image.count, 1 / pixels, verification.attitude);
+    }
 }
 
 }  // namespace
@@ -193,8 +209,8 @@ st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int
         return ST_BAD_INPUT;
     }
     const Arena::Scope scope(tracker->work);
-    const Supporters others =
-        supporters(verifier.sky, stars_of(*stars, *tracker), base, verifier.tolerance_sigmas);
+    const Supporters others = supporters(verifier.sky.stars, stars_of(*stars, *tracker), base,
+                                         verifier.tolerance_sigmas);
     for (size_t i = 0; i < count; ++i) {
         const int32_t *three = candidates + 3 * i;
         support[i] = st::support(verifier.sky, others, three[0], three[1], three[2], 0.0);
@@ -214,8 +230,7 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
         residual_px == nullptr || residual_rad == nullptr) {
         return ST_NULL_POINTER;
     }
-    const IdentificationStage &stage = tracker->identification;
-    const Verifier &verifier = stage.verifier();
+    const Verifier &verifier = tracker->identification.verifier();
     if (based < 2 || !are_numbers(base, based, stars->count) ||
         !are_numbers(pattern, based, verifier.sky.stars)) {
         return ST_BAD_INPUT;
@@ -224,20 +239,8 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
     const ImageStars image = stars_of(*stars, *tracker);
     Verification result = st::verification(image.count, tracker->work);
     verify(verifier, image, base, pattern, static_cast<int>(based), tested, result, tracker->work);
-    const double pixels = std::sqrt(stage.lens().fx * stage.lens().fy);
-    set_unknown(verification->attitude);
-    verification->focal_ratio = result.found.focal_ratio;
-    verification->false_alarm_probability = result.false_alarm;
-    for (int i = 0; i < image.count; ++i) {
-        star[i] = result.found.star[i];
-        residual_px[i] = result.found.residual[i] * pixels;
-        residual_rad[i] = NAN;
-    }
-    if (result.false_alarm < 1) {
-        const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
-                                              result.found, residual_rad, tracker->work);
-        set_fit(best, residual_rad, image.count, 1 / pixels, verification->attitude);
-    }
+    publish(*tracker, image, result, *verification, star, residual_px, residual_rad,
+            tracker->work);
     return ST_OK;
 }
 
@@ -264,15 +267,72 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
     *false_alarm_probability = 1.0;
     for (size_t i = 0; i < count; ++i) {
         const int32_t *four = base + QUAD * i, *star = pattern + QUAD * i;
-        const Supporters others = supporters(verifier.sky, image, four, verifier.tolerance_sigmas);
+        const Supporters others =
+            supporters(verifier.sky.stars, image, four, verifier.tolerance_sigmas);
         if (!(st::support(verifier.sky, others, star[0], star[1], star[2], least_support) >
               least_support)) {
             continue;
         }
-        verify(verifier, image, four, star, QUAD, tested, result, tracker->work);
+        verify(verifier, image, four, star, static_cast<int>(QUAD), tested, result, tracker->work);
         if (result.false_alarm < *false_alarm_probability) {
             *best = static_cast<int32_t>(i);
             *false_alarm_probability = result.false_alarm;
+        }
+    }
+    return ST_OK;
+}
+
+st_status st_few_stars(st_tracker *tracker, const st_image_stars *stars,
+                       const st_triangle_table *table, double false_alarm_max, double most_work_s,
+                       st_verification *verification, int32_t *star, double *residual_px,
+                       double *residual_rad, double *work_s) {
+    const st_status status = check(tracker, stars);
+    if (status != ST_OK) {
+        return status;
+    }
+    if (table == nullptr || verification == nullptr || star == nullptr || residual_px == nullptr ||
+        residual_rad == nullptr || work_s == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    const Arena::Scope scope(tracker->work);
+    const ImageStars image = stars_of(*stars, *tracker);
+    Verification best = st::verification(image.count, tracker->work);
+    std::fill(best.found.star, best.found.star + image.count, -1);
+    std::fill(best.found.residual, best.found.residual + image.count, NAN);
+    *work_s = 1e-9 * find_few_stars(tracker->identification.verifier(), *table, image,
+                                    false_alarm_max, 1e9 * most_work_s, best, tracker->work);
+    publish(*tracker, image, best, *verification, star, residual_px, residual_rad, tracker->work);
+    return ST_OK;
+}
+
+st_status st_support_in_cells(const st_star_cells *sky, const st_image_stars *stars,
+                              double tolerance_sigmas, const int32_t *base, const int32_t *star,
+                              size_t count, double least, double *support) {
+    if (sky == nullptr || sky->direction == nullptr || sky->start == nullptr ||
+        sky->member == nullptr || stars == nullptr ||
+        (stars->count > 0 && (stars->direction == nullptr || stars->sigma_rad == nullptr)) ||
+        (count > 0 && (base == nullptr || star == nullptr || support == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    if (sky->cells < 1 || !are_numbers(base, QUAD * count, stars->count) ||
+        !are_numbers(star, QUAD * count, sky->stars)) {
+        return ST_BAD_INPUT;
+    }
+    const auto *direction = reinterpret_cast<const float (*)[3]>(sky->direction);
+    const Cells cells{sky->cells, sky->start, sky->member};
+    ImageStars image{};
+    image.count = stars->count;
+    image.direction = const_cast<Vector3 *>(vectors(stars->direction));
+    image.sigma = const_cast<double *>(stars->sigma_rad);
+    for (size_t k = 0; k < count; ++k) {
+        const Supporters others = supporters(sky->stars, image, base + QUAD * k, tolerance_sigmas);
+        double left = others.sum;
+        support[k] = 0.0;
+        for (int i = 0; i < others.count && support[k] + left > least; ++i) {
+            left -= others.gain[i];
+            if (is_supported(cells, direction, others, i, star + QUAD * k)) {
+                support[k] += others.gain[i];
+            }
         }
     }
     return ST_OK;

@@ -119,7 +119,8 @@ int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t 
 
 int32_t stt_stars_in_image(const st_tracker *tracker, const double matrix[9]) {
     const StarMatch found{nullptr, nullptr, 1.0, matrix_of(matrix)};
-    return count_in_image(tracker->identification.verifier(), found);
+    const Verifier &verifier = tracker->identification.verifier();
+    return count_in_image(verifier, found, verifier.sky.stars);
 }
 
 }  // extern "C"

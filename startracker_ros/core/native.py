@@ -21,7 +21,7 @@ VERSION = 3
 """ST_VERSION of the header that the types below are of."""
 
 _FIGURES, _BODIES, _REJECTIONS = 9, 16, 11  # ST_REASON_FIGURES, ST_MOST_BODIES, ST_REJECTED_COUNT
-_LIMITS = 6  # ST_MOST_LIMITS
+_LIMITS, _PARAMETERS = 6, 11  # ST_MOST_LIMITS, ST_MOST_LENS_PARAMETERS
 
 _ALIGNMENT = 64
 
@@ -143,6 +143,17 @@ PATTERNS = _struct(
                'bases_by_brightness lens_unknown reserved', 'i4'))
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
+QUAD_TABLE = _struct(**_numbers('code side_rad start', 'u8'))
+TRIANGLE_TABLE = _struct(**_numbers('side_rad star start neighbour', 'u8'),
+                         **_numbers('low_rad high_rad'), **_numbers('neighbours reserved', 'i4'))
+LENS_PRIOR = _struct(start=CAMERA, free=('f8', _PARAMETERS),
+                     **_numbers('parameters reserved', 'i4'))
+FITTED_LENS = _struct(
+    camera=CAMERA, quaternion=_QUATERNION, covariance=('f8', (_PARAMETERS, _PARAMETERS)),
+    **_numbers('error_px probability'), **_numbers('folds reserved', 'i4'))
+SKY_AND_SPOTS = _struct(**_numbers('direction spot_px sigma_px', 'u8'),
+                        **_numbers('stars spots', 'i4'))
+STAR_CELLS = _struct(**_numbers('direction start member', 'u8'), **_numbers('stars cells', 'i4'))
 
 DETECTION = _struct(
     **_numbers('gate gate_probability detection_probability image_px2 clutter_px2'),
@@ -259,6 +270,24 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
                            _POINTER)),
     'st_fit_frame': (_STATUS, (*(_POINTER,) * 5, _COUNT, *(_POINTER,) * 5)),
     'st_propagate_orbit': (None, (_POINTER, _NUMBER, _FLAG, _POINTER)),
+    'st_fit_attitude': (_STATUS, (_FLAG, *(_POINTER,) * 3, _COUNT, *(_POINTER,) * 4, _COUNT)),
+    'st_protection_level': (_STATUS, (_POINTER, _POINTER, _COUNT, _NUMBER, _NUMBER, _FLAG,
+                                      _POINTER)),
+    'st_pairs_within': (_STATUS, (_POINTER, _COUNT, _POINTER, _POINTER, _FLAG, _NUMBER,
+                                  *(_POINTER,) * 3)),
+    'st_match_quads': (_STATUS, (_POINTER, _POINTER, _COUNT, _POINTER, _COUNT, *(_NUMBER,) * 3,
+                                 *(_POINTER,) * 4)),
+    'st_make_quads': (_STATUS, (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _FLAG,
+                                *(_POINTER,) * 4)),
+    'st_make_triangles': (_STATUS, (_POINTER, _COUNT, _POINTER, _POINTER, *(_NUMBER,) * 3,
+                                    *(_POINTER,) * 4)),
+    'st_few_stars': (_STATUS, (*(_POINTER,) * 3, _NUMBER, _NUMBER, *(_POINTER,) * 5)),
+    'st_support_in_cells': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER, _POINTER, _COUNT,
+                                      _NUMBER, _POINTER)),
+    'st_fit_lens': (_STATUS, (*(_POINTER,) * 5, _COUNT)),
+    'st_gated_stars': (_STATUS, (_POINTER, _FLAG, _NUMBER, *(_POINTER,) * 3, _COUNT)),
+    'st_grow_lens': (_STATUS, (*(_POINTER,) * 5, _COUNT, *(_POINTER,) * 3, _COUNT)),
+    'st_stars_in_image': (_STATUS, (*(_POINTER,) * 3, _COUNT, *(_POINTER,) * 3)),
     'st_checks': (_POINTER, (_POINTER,)),
     'st_fusion_defaults': (_STATUS, (_POINTER, _HEAD)),
     'st_fusion_size': (_STATUS, (_POINTER,) * 3),
@@ -318,6 +347,13 @@ def check(status: int, fault: np.ndarray | None = None) -> None:
         text = (f'{name} = {fault["value"]:g} is not within {fault["least"]:g} .. '
                 f'{fault["most"]:g}: {text}')
     raise NativeError(text)
+
+
+def call(name: str, *arguments: Any) -> None:
+    """Call a function, with the addresses of arrays; NativeError for a status that is not ok."""
+    check(getattr(library(), name)(*(
+        argument.ctypes.data if isinstance(argument, np.ndarray) else argument
+        for argument in arguments)))
 
 
 def defaults() -> np.ndarray:

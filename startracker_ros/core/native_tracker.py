@@ -11,7 +11,6 @@ from startracker_ros.core.astro.observer_motion import Observer, ObserverMotion
 from startracker_ros.core.attitude.error_budget import ErrorBudget
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids
@@ -41,7 +40,7 @@ class SkyTracker(NativeTracker):
     def __init__(self, config: np.ndarray, camera: Camera, onboard: OnboardCatalog,
                  motion: ObserverMotion | None,
                  patterns: tuple[np.ndarray, list[np.ndarray]] | None = None) -> None:
-        super().__init__(config, native_camera(camera), native_sky(onboard), patterns)
+        super().__init__(config, camera.native, native_sky(onboard), patterns)
         self._motion = motion
         self._given: tuple[int, Observer] | None = None
 

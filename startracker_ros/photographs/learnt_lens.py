@@ -13,7 +13,7 @@ middle of the image there, unless the stars show it elsewhere with certainty.
 
 Matching and fit alternate: the better the lens, the more stars of the whole image are in the
 gate, which follows the scatter of the residuals. A fisheye has the terms k1 to k4, and the gates
-of lens_growth.py.
+of native/src/blind/lens_growth.h.
 """
 
 from dataclasses import dataclass, replace
@@ -22,17 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.calibration.matching import nearest_pairs
-from startracker_ros.core.camera.distortion import coefficients_of
-from startracker_ros.core.camera.lens import Lens, middle_axes
-from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.camera.model import Camera, CameraError, middle_axes
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
-    attitude_error, conjugate, matrix_from_quaternion, multiply)
+    attitude_error, conjugate, matrix_from_quaternion, multiply, rotate)
 from startracker_ros.photographs.ladder import Attempt
 from startracker_ros.photographs.lens_fit import (
-    changed, fit_lens, folds, LEAST_ERROR_PX, linearised, RADIAL, stars_in_image)
-from startracker_ros.photographs.lens_growth import gated
+    camera_of, changed, LEAST_ERROR_PX, lens_of, SkyAndSpots, stars_in_image)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
@@ -87,19 +84,6 @@ class LearntLens:
         return int(np.count_nonzero(self.star >= 0))
 
 
-class _Lens(NamedTuple):
-    """A camera model and an attitude (4,)."""
-
-    model: Lens
-    quaternion: np.ndarray
-
-    def camera(self, start: Camera) -> Camera:
-        """Return the camera, of the distortion model of start; CameraError for none."""
-        model = self.model
-        return replace(start, fx=model.fx, fy=model.fy, cx=model.cx, cy=model.cy,
-                       distortion=coefficients_of(start.distortion_model, model.terms))
-
-
 def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     """
     Return the lens and the attitude that fit an identified image.
@@ -124,140 +108,147 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     try:
         # A lens at the limit of what a camera can have folds its image at another focal length.
         start = start.with_focal_ratio(identification.focal_ratio)
-        lens = _Lens(start.lens, quaternion)
-        fit = _grow(lens, start.lens, free, centroids, star, onboard)
+        image = _Image(start, centroids, onboard)
+        lens = lens_of(start.native, quaternion)
+        fit = image.grow(lens, lens['camera'], free, star)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
-            fit = _grow(lens, start.lens, free * held, centroids, star, onboard)
+            fit = image.grow(lens, lens['camera'], free * held, star)
         elif not fisheye:
-            fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
+            fit = image.best_of_others(fit, lens, free, star)
             if start.fov_x_rad < _NARROW_RAD:
-                fit = _centred(fit, start.lens, free, centroids, onboard)
-        camera = fit.lens.camera(start)
+                fit = image.centred(fit, lens['camera'], free)
+        camera = camera_of(fit.lens, start.distortion_model)
     except CameraError as error:
         return LearntLens(start, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
-    residual = _residuals(fit.lens, centroids, onboard, fit.star)
-    attitude = _attitude(fit, residual, centroids)
-    return LearntLens(camera, attitude, camera.fx / nominal.fx, fit.star,
-                      np.hypot(*residual.T), fit.error_px,
-                      _reason(fit, camera, nominal, focal_error, first,
-                              _possible(fit, onboard)))
+    residual = image.residuals(fit, camera)
+    return LearntLens(camera, _attitude(fit, residual, centroids), camera.fx / nominal.fx,
+                      fit.star, np.hypot(*residual.T), fit.error_px,
+                      _reason(fit, camera, nominal, focal_error, first, image.possible(fit)))
 
 
 class _Fit(NamedTuple):
-    """A lens, the covariance (P, P) of its parameters, error per axis, and stars (N,)."""
+    """An st_fitted_lens of so many parameters, and stars (N,)."""
 
-    lens: _Lens
-    covariance: np.ndarray
-    error_px: float
+    lens: np.ndarray
+    parameters: int
     star: np.ndarray
 
+    @property
+    def covariance(self) -> np.ndarray:
+        """Return that of the parameters, (P, P)."""
+        covariance: np.ndarray = self.lens['covariance'][:self.parameters, :self.parameters]
+        return covariance
 
-def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star: np.ndarray,
-          onboard: OnboardCatalog) -> _Fit:
-    """
-    Return the lens that is fitted and matched in turn until its stars (N,) stay.
-
-    CameraError when it folds the image.
-    """
-    for iteration in range(_MAX_ITERATIONS):
-        lens, covariance, error_px = _fitted(lens, start, free, centroids, star, onboard)
-        model, before, growing = lens.model, star, iteration < _GROWING
-        if model.equidistant:
-            star = gated(*lens, covariance, max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS),
-                         onboard.direction, centroids.uv)
-        else:
-            gate_px = _gate(error_px, model, onboard,
-                            _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
-            star = _match(lens, centroids, onboard, gate_px)
-        if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
-                or not growing and np.array_equal(star, before)):
-            break
-    return _Fit(lens, covariance, error_px, star)
+    @property
+    def error_px(self) -> float:
+        """Return the error per axis."""
+        return float(self.lens['error_px'])
 
 
-def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
-    """
-    Return how many stars may match: those of the image or of the catalogue in it.
+class _Image:
+    """An image of a camera, whose lens is fitted to its centroids and stars."""
 
-    Where few spots are stars, those are the brightest of the catalogue: it counts as deep as most
-    matches are.
-    """
-    near, _ = stars_in_image(*fit.lens, onboard.direction)
-    matched = np.sort(fit.star[fit.star >= 0])
-    deepest = matched[int(_KEPT_SHARE * (len(matched) - 1))] if len(matched) else -1
-    as_bright = np.count_nonzero(near <= deepest) / _KEPT_SHARE
-    return int(min(len(fit.star), len(near), as_bright))
+    def __init__(self, start: Camera, centroids: Centroids, onboard: OnboardCatalog) -> None:
+        self._start, self._centroids, self._onboard = start, centroids, onboard
+        self._seen = SkyAndSpots(onboard.direction, centroids.uv, centroids.sigma_px)
 
+    def grow(self, lens: np.ndarray, start: np.ndarray, free: np.ndarray, star: np.ndarray
+             ) -> _Fit:
+        """
+        Return the lens that is fitted and matched in turn until its stars (N,) stay.
 
-def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
-                    centroids: Centroids, star: np.ndarray, onboard: OnboardCatalog) -> _Fit:
-    """Return the fit that matches most stars, of those from other values of the distortion."""
-    for k1 in _OTHER_K1:
-        if np.count_nonzero(fit.star >= 0) >= _GOOD_SHARE * _possible(fit, onboard):
-            break
-        try:
-            bent = replace(start, distortion=(k1, *start.distortion[1:]))
-            rough = _grow(_Lens(bent.lens, lens.quaternion), bent.lens,
-                          np.append(free[:-1], _K1_HELD), centroids, star, onboard)
-            other = _grow(rough.lens, start.lens, free, centroids, rough.star, onboard)
-        except CameraError:
-            continue
-        if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
-            fit = other
-    return fit
+        CameraError when it folds the image.
+        """
+        for iteration in range(_MAX_ITERATIONS):
+            lens = self._fitted(lens, start, free, star)
+            error_px, before, growing = float(lens['error_px']), star, iteration < _GROWING
+            if self._start.model.equidistant:
+                star = self._seen.gated(
+                    lens, len(free), max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS))
+            else:
+                star = self._matched(lens, self._gate(
+                    lens, _FIRST_GATE_PX if growing else _LEAST_GATE_PX))
+            if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
+                    or not growing and np.array_equal(star, before)):
+                break
+        return _Fit(lens, len(free), star)
 
+    def possible(self, fit: _Fit) -> int:
+        """
+        Return how many stars may match: those of the image or of the catalogue in it.
 
-def _centred(fit: _Fit, start: Lens, free: np.ndarray, centroids: Centroids,
-             onboard: OnboardCatalog) -> _Fit:
-    """Return the fit with the principal point of start, where its stars do not deny that."""
-    model = fit.lens.model
-    off = np.array([model.cx - start.cx, model.cy - start.cy]) / start.width
-    covariance = fit.covariance[_CENTRE_TERMS, _CENTRE_TERMS]
-    if not (fit.star >= 0).any() or off @ np.linalg.solve(covariance, off) > _CERTAIN_SQUARE:
+        Where few spots are stars, those are the brightest of the catalogue: it counts as deep as
+        most matches are.
+        """
+        near, _ = stars_in_image(fit.lens, self._onboard.direction)
+        matched = np.sort(fit.star[fit.star >= 0])
+        deepest = matched[int(_KEPT_SHARE * (len(matched) - 1))] if len(matched) else -1
+        as_bright = np.count_nonzero(near <= deepest) / _KEPT_SHARE
+        return int(min(len(fit.star), len(near), as_bright))
+
+    def best_of_others(self, fit: _Fit, lens: np.ndarray, free: np.ndarray, star: np.ndarray
+                       ) -> _Fit:
+        """Return the fit that matches most stars, of those from other values of the distortion."""
+        for k1 in _OTHER_K1:
+            if np.count_nonzero(fit.star >= 0) >= _GOOD_SHARE * self.possible(fit):
+                break
+            try:
+                bent = replace(
+                    self._start, distortion=(k1, *self._start.distortion[1:])).native
+                rough = self.grow(lens_of(bent, lens['quaternion']), bent,
+                                  np.append(free[:-1], _K1_HELD), star)
+                other = self.grow(rough.lens, lens['camera'], free, rough.star)
+            except CameraError:
+                continue
+            if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
+                fit = other
         return fit
-    held = free.copy()
-    held[_CENTRE_TERMS] *= _HELD
-    return _Fit(*_fitted(fit.lens, start, held, centroids, fit.star, onboard), fit.star)
 
+    def centred(self, fit: _Fit, start: np.ndarray, free: np.ndarray) -> _Fit:
+        """Return the fit with the principal point of start, where its stars do not deny that."""
+        off = np.array([fit.lens['camera'][name] - start[name] for name in ('cx_px', 'cy_px')])
+        off /= start['width_px']
+        covariance = fit.covariance[_CENTRE_TERMS, _CENTRE_TERMS]
+        if not (fit.star >= 0).any() or off @ np.linalg.solve(covariance, off) > _CERTAIN_SQUARE:
+            return fit
+        held = free.copy()
+        held[_CENTRE_TERMS] *= _HELD
+        return fit._replace(lens=self._fitted(fit.lens, start, held, fit.star))
 
-def _fitted(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star: np.ndarray,
-            onboard: OnboardCatalog) -> tuple[_Lens, np.ndarray, float]:
-    """Return lens, covariance and error of fit_lens(); CameraError for one that folds."""
-    row = np.flatnonzero(star >= 0)
-    model, quaternion, covariance, error_px = fit_lens(
-        *lens, start, free, onboard.direction[star[row]], centroids.uv[row],
-        centroids.sigma_px[row])
-    if folds(model):
-        raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
-    return _Lens(model, quaternion), covariance, error_px
+    def residuals(self, fit: _Fit, camera: Camera) -> np.ndarray:
+        """Return image minus catalogue (N, 2) in px, NaN where not matched."""
+        residual = np.full((len(fit.star), 2), np.nan)
+        row = fit.star >= 0
+        residual[row] = self._centroids.uv[row] - camera.project(rotate(
+            conjugate(fit.lens['quaternion']), self._onboard.direction[fit.star[row]]))
+        return residual
 
+    def _fitted(self, lens: np.ndarray, start: np.ndarray, free: np.ndarray, star: np.ndarray
+                ) -> np.ndarray:
+        """Return the fitted lens; CameraError for one that folds."""
+        found = self._seen.fitted(lens, start, free, star)
+        if found['folds']:
+            k1 = found['camera']['distortion'][0]
+            raise CameraError(f'distortion k1 {k1:.2g} folds the image over itself')
+        return found
 
-def _gate(error_px: float, model: Lens, onboard: OnboardCatalog, least_px: float) -> float:
-    """Return the matching radius in px."""
-    per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi * onboard.sky_share)
-    chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
-    return float(max(min(max(_GATE_SIGMAS * error_px, least_px), chance_px), _LEAST_GATE_PX))
+    def _gate(self, lens: np.ndarray, least_px: float) -> float:
+        """Return the matching radius in px."""
+        camera, onboard = lens['camera'], self._onboard
+        per_px = (len(onboard) / (camera['fx_px'] * camera['fy_px'])
+                  / (4 * np.pi * onboard.sky_share))
+        chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
+        return float(max(min(max(_GATE_SIGMAS * lens['error_px'], least_px), chance_px),
+                         _LEAST_GATE_PX))
 
-
-def _match(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, gate_px: float
-           ) -> np.ndarray:
-    """Return the catalogue star (N,) of each centroid within the gate, one to one, -1 for none."""
-    near, uv = stars_in_image(*lens, onboard.direction)
-    star = np.full(len(centroids), -1)
-    index, found = nearest_pairs(centroids.uv, uv, gate_px)
-    star[index] = near[found]
-    return star
-
-
-def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star: np.ndarray
-               ) -> np.ndarray:
-    """Return image minus catalogue (N, 2) in px, NaN where not matched."""
-    residual = np.full((len(star), 2), np.nan)
-    row = star >= 0
-    residual[row] = centroids.uv[row] - linearised(
-        *lens, onboard.direction[star[row]], RADIAL)[0]
-    return residual
+    def _matched(self, lens: np.ndarray, gate_px: float) -> np.ndarray:
+        """Return the star (N,) of each centroid within the gate, one to one, -1 for none."""
+        near, uv = stars_in_image(lens, self._onboard.direction)
+        star = np.full(len(self._centroids), -1)
+        index, found = nearest_pairs(self._centroids.uv, uv, gate_px)
+        star[index] = near[found]
+        return star
 
 
 def _reason(fit: _Fit, camera: Camera, nominal: Camera, focal_error: float, first: int,
@@ -270,7 +261,7 @@ def _reason(fit: _Fit, camera: Camera, nominal: Camera, focal_error: float, firs
         return f'the fitted lens explains {matched} of {possible} stars: not the whole image'
     if fit.error_px > _MOST_RESIDUAL * camera.width:
         return f'the fitted lens leaves residuals of {fit.error_px:.2g} px'
-    sigma_px = np.sqrt(_middle_covariance(fit).diagonal()[:2].max()) / camera.pixel_rad
+    sigma_px = np.sqrt(_middle_covariance(fit, camera).diagonal()[:2].max()) / camera.pixel_rad
     if sigma_px > _MOST_ERROR_PX:
         return (f'{matched} stars leave the lens open: the middle of the image is uncertain by '
                 f'{sigma_px:.2g} px')
@@ -288,27 +279,26 @@ def _reason(fit: _Fit, camera: Camera, nominal: Camera, focal_error: float, firs
 
 def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> AttitudeEstimate:
     """Return the attitude of the lens, its covariance with a free lens."""
-    (model, quaternion), row = fit.lens, fit.star >= 0
+    quaternion, camera, row = fit.lens['quaternion'], fit.lens['camera'], fit.star >= 0
     square = np.sum(residual[row] ** 2, axis=1)
     sigma = np.maximum(np.hypot(centroids.sigma_px[row], LEAST_ERROR_PX), fit.error_px)
     return AttitudeEstimate(
-        -quaternion if quaternion[3] < 0 else quaternion, fit.covariance[:3, :3],
-        int(np.count_nonzero(row)), np.sqrt(square / (model.fx * model.fy)),
+        -quaternion if quaternion[3] < 0 else quaternion.copy(), fit.covariance[:3, :3].copy(),
+        int(np.count_nonzero(row)), np.sqrt(square / (camera['fx_px'] * camera['fy_px'])),
         float(np.sum(square / sigma ** 2)))
 
 
-def _middle_covariance(fit: _Fit) -> np.ndarray:
+def _middle_covariance(fit: _Fit, camera: Camera) -> np.ndarray:
     """Return the covariance (3, 3) of the attitude of the middle of the image."""
-    model, quaternion = fit.lens
-    axes = middle_axes(model)
-    middle = multiply(quaternion, axes)
+    axes = camera.middle_axes
+    middle = multiply(fit.lens['quaternion'], axes)
     # Focal length and distortion hardly move the middle of the image.
-    parameters = len(fit.covariance)
-    partial = np.zeros((3, parameters))
+    partial = np.zeros((3, fit.parameters))
     partial[:, :3] = matrix_from_quaternion(conjugate(axes))
-    for axis in range(parameters)[_CENTRE_TERMS]:
-        step = np.zeros(parameters)
+    for axis in range(fit.parameters)[_CENTRE_TERMS]:
+        step = np.zeros(fit.parameters)
         step[axis] = _STEP
-        other, turned = changed(model, quaternion, step)
-        partial[:, axis] = attitude_error(multiply(turned, middle_axes(other)), middle) / _STEP
+        other = changed(fit.lens, step)
+        partial[:, axis] = attitude_error(
+            multiply(other['quaternion'], middle_axes(other['camera'])), middle) / _STEP
     return partial @ fit.covariance @ partial.T

@@ -4,14 +4,10 @@
 """
 Quads of stars by their shape, whatever the scale of the image.
 
-Lang, Hogg, Mierle, Blanton, Roweis 2010, Astrometry.net. Four stars A, B, C, D, of which A and B
-are the farthest apart, are put on the stereographic plane that touches the sphere in the middle of
-A and B, turned and scaled so that A is (0, 0) and B is (1, 0). The code of the quad is
-(x_C, y_C, x_D, y_D), with x_C + x_D <= 1 and x_C <= x_D, which tell A from B and C from D.
-
-Differences from the paper: C and D may be anywhere nearer to A and B than these are to each other,
-so that any four stars are a quad; codes are on the sphere, so that wide fields have them too; they
-are looked up in the cells of a grid, not in a tree.
+Lang, Hogg, Mierle, Blanton, Roweis 2010, Astrometry.net; native/src/blind/quads.h tells what the
+code of four stars A, B, C, D is. Differences from the paper: C and D may be anywhere nearer to A
+and B than these are to each other, so that any four stars are a quad; codes are on the sphere, so
+that wide fields have them too; they are looked up in the cells of a grid, not in a tree.
 
 The sky is covered by levels. That of the side d has the brightest stars, so many in d^2 on
 average, and quads whose longest side is d to sqrt(2) d. For narrow fields, whose density differs
@@ -19,15 +15,17 @@ by an order of magnitude, these are the brightest stars of each cell of the sky:
 galactic pole then has as many quads as one in the Milky Way.
 """
 
+from functools import cache
+from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.compiled import compiled, inlined
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
-from startracker_ros.photographs.support import squared_chord
 
 _STEP = np.sqrt(2)
 # A star this close to a brighter one, as a share of the side, is in no quad: it is blended.
@@ -35,7 +33,7 @@ _CROWD = 1 / 60
 # Of the stars between A and B the brightest.
 _INNER = 4
 _FEWEST_STARS = 150
-# Cells of the codes along x, 0 to 1, and along y, -1 to 1.
+# Cells of the codes along x, 0 to 1, and along y, -1 to 1: as ST_QUAD_CELLS.
 _CELLS_X, _CELLS_Y = 26, 52
 CODE_CELLS = (_CELLS_X * _CELLS_Y) ** 2
 
@@ -137,203 +135,67 @@ def _level(direction: np.ndarray, star: np.ndarray, side_rad: float, inner: int,
     return code, star.astype(np.int32)[quad], side
 
 
-@compiled
 def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start: np.ndarray,
            most_inner: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return codes, stars and sides of the quads of the pairs long (P, 2)."""
     most = len(long) * (most_inner * (most_inner - 1) // 2)
     code, quad = np.empty((most, 4), np.float32), np.empty((most, 4), np.int32)
-    side = np.empty(most, np.float32)
-    inner, four, one = np.empty(most_inner, np.int64), np.empty(4, np.int64), np.empty(4)
-    count = 0
-    for p in range(len(long)):
-        a, b = long[p, 0], long[p, 1]
-        limit = squared_chord(direction, a, b)
-        found = 0
-        for m in range(start[a], start[a + 1]):
-            c = neighbour[m]
-            if squared_chord(direction, a, c) < limit and squared_chord(direction, b, c) < limit:
-                inner[found] = c
-                found += 1
-                if found == most_inner:
-                    break
-        for i in range(found):
-            for j in range(i):
-                if squared_chord(direction, inner[i], inner[j]) >= limit:
-                    continue
-                for order in range(4):
-                    four[order & 1], four[1 - (order & 1)] = a, b
-                    four[2 + order // 2], four[3 - order // 2] = inner[j], inner[i]
-                    if quad_code(direction, four, one) and _in_order(one, 0.0):
-                        for k in range(4):
-                            code[count, k], quad[count, k] = one[k], four[k]
-                        side[count] = 2 * np.arcsin(np.sqrt(limit) / 2)
-                        count += 1
-                        break
-    return code[:count].copy(), quad[:count].copy(), side[:count].copy()
+    side, count = np.empty(most, np.float32), np.zeros(1, np.uintp)
+    native.call('st_make_quads', direction, len(direction), long, len(long), neighbour,
+                start.astype(np.int32), most_inner, code, quad, side, count)
+    found = slice(int(count[0]))
+    return code[found].copy(), quad[found].copy(), side[found].copy()
 
 
-@compiled
-def quad_code(direction: np.ndarray, four: np.ndarray, code: np.ndarray) -> bool:
-    """
-    Put the code of stars A, B, C, D = four (4,) of unit vectors (N, 3) into code (4,).
-
-    In the order that they have. False for stars without a code.
-    """
-    a, b = four[0], four[1]
-    mx, my, mz = (direction[a, 0] + direction[b, 0], direction[a, 1] + direction[b, 1],
-                  direction[a, 2] + direction[b, 2])
-    ex, ey, ez = (direction[b, 0] - direction[a, 0], direction[b, 1] - direction[a, 1],
-                  direction[b, 2] - direction[a, 2])
-    m, e = np.sqrt(mx * mx + my * my + mz * mz), np.sqrt(ex * ex + ey * ey + ez * ez)
-    if not (m > 0 and e > 0):
-        return False
-    mx, my, mz, ex, ey, ez = mx / m, my / m, mz / m, ex / e, ey / e, ez / e
-    # The axis of y is at right angles to A B.
-    nx, ny, nz = my * ez - mz * ey, mz * ex - mx * ez, mx * ey - my * ex
-    length = e / (1 + m / 2)
-    for k in range(2):
-        s = four[2 + k]
-        x, y, z = direction[s, 0], direction[s, 1], direction[s, 2]
-        scale = 1 / ((1 + x * mx + y * my + z * mz) * length)
-        code[2 * k] = 0.5 + scale * (x * ex + y * ey + z * ez)
-        code[2 * k + 1] = scale * (x * nx + y * ny + z * nz)
-    return True
-
-
-@inlined
-def _in_order(code: np.ndarray, tolerance: float) -> bool:
-    """Return whether noise of a tolerance lets a code be that of the order of its stars."""
-    return code[0] + code[2] <= 1 + 2 * tolerance and code[0] <= code[2] + 2 * tolerance
-
-
-@inlined
-def _cell_x(x: float) -> int:
-    return min(max(int(np.floor(x * _CELLS_X)), 0), _CELLS_X - 1)
-
-
-@inlined
-def _cell_y(y: float) -> int:
-    return min(max(int(np.floor((y + 1) / 2 * _CELLS_Y)), 0), _CELLS_Y - 1)
-
-
-@compiled
 def code_cells(code: np.ndarray) -> np.ndarray:
     """Return the cell (Q,) of each code (Q, 4)."""
-    cell = np.empty(len(code), np.int64)
-    for q in range(len(code)):
-        cell[q] = (((_cell_x(code[q, 0]) * _CELLS_X + _cell_x(code[q, 2])) * _CELLS_Y
-                    + _cell_y(code[q, 1])) * _CELLS_Y + _cell_y(code[q, 3]))
-    return cell
+    code = code.astype(float)
+    x, y = (np.clip(np.floor(share * cells).astype(int), 0, cells - 1) for share, cells in (
+        (code[:, 0::2], _CELLS_X), ((code[:, 1::2] + 1) / 2, _CELLS_Y)))
+    return ((x[:, 0] * _CELLS_X + x[:, 1]) * _CELLS_Y + y[:, 0]) * _CELLS_Y + y[:, 1]
 
 
-@compiled
+_MOST_IMAGE_STARS = 30
+
+
+@cache
+def _all_quads() -> np.ndarray:
+    """Return all quads (Q, 4) of the first image stars, in the order of their last stars."""
+    quads = np.array([*combinations(range(_MOST_IMAGE_STARS), 4)], np.int32)
+    return quads[np.lexsort(quads.T)]
+
+
 def matching_quads(table: QuadTable, direction: np.ndarray, first: int, last: int,
                    tolerance: float, low: float, high: float, most: int
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Return the quads of the sky that have the code of a quad of image stars, within tolerance.
 
-    The image stars are the first ones of direction (N, 3), unit vectors; the last one of a quad is
-    first to last - 1. The side of the sky is low to high times that of the image. Return stars of
-    the image (K, 4), rows of the table (K,) and ratios (K,) of the sides, of most quads at most.
+    The image stars are the first 30 of direction (N, 3), unit vectors; the last one of a quad is
+    first to last - 1. For the rest see matching_neighbours().
     """
-    found = np.empty((most, 4), np.int32), np.empty(most, np.int64), np.empty(most)
-    stars, count = np.empty(4, np.int64), 0
-    for i in range(max(first, 3), min(last, len(direction))):
-        for j in range(i):
-            for k in range(j):
-                for m in range(k):
-                    stars[0], stars[1], stars[2], stars[3] = m, k, j, i
-                    count = _look_up_orders(table, direction, stars, tolerance, low, high, found,
-                                            count)
-    return found[0][:count].copy(), found[1][:count].copy(), found[2][:count].copy()
+    seen = min(last, len(direction), _MOST_IMAGE_STARS)
+    return matching_neighbours(table, direction, _all_quads()[comb(first, 4):comb(seen, 4)],
+                               tolerance, low, high, most)
 
 
-@compiled
 def matching_neighbours(table: QuadTable, direction: np.ndarray, quads: np.ndarray,
                         tolerance: float, low: float, high: float, most: int
                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the quads of the sky that have the code of one of quads (Q, 4), as matching_quads().
+    Return the quads of the sky that have the code of one of quads (Q, 4), within tolerance.
 
-    Those with a star that has no direction, NaN, are left out.
+    They are of image stars of direction (N, 3); those with a star that has no direction, NaN, are
+    left out. The side of the sky is low to high times that of the image. Return stars of the image
+    (K, 4), rows of the table (K,) and ratios (K,) of the sides, of most quads at most.
     """
-    found = np.empty((most, 4), np.int32), np.empty(most, np.int64), np.empty(most)
-    stars, count = np.empty(4, np.int64), 0
-    for q in range(len(quads)):
-        seen = True
-        for m in range(4):
-            stars[m] = quads[q, m]
-            seen = seen and not np.isnan(direction[stars[m], 0])
-        if seen:
-            count = _look_up_orders(table, direction, stars, tolerance, low, high, found, count)
-    return found[0][:count].copy(), found[1][:count].copy(), found[2][:count].copy()
-
-
-@compiled
-def _look_up_orders(table: QuadTable, direction: np.ndarray, stars: np.ndarray, tolerance: float,
-                    low: float, high: float, found: tuple[np.ndarray, np.ndarray, np.ndarray],
-                    count: int) -> int:
-    """Add the quads of stars (4,) to count others, in each order that noise allows."""
-    longest = 0.0
-    for a in range(4):
-        for b in range(a):
-            longest = max(longest, squared_chord(direction, stars[a], stars[b]))
-    four, code = np.empty(4, np.int64), np.empty(4)
-    for a in range(4):
-        for b in range(a):
-            square = squared_chord(direction, stars[a], stars[b])
-            if square < longest * (1 - 2 * tolerance):
-                continue
-            four[0], four[1] = stars[a], stars[b]
-            rest = 2
-            for c in range(4):
-                if c != a and c != b:
-                    four[rest] = stars[c]
-                    rest += 1
-            if not quad_code(direction, four, code):
-                continue
-            side = 2 * np.arcsin(min(np.sqrt(square) / 2, 1.0))
-            for order in range(4):
-                _exchange(four, code, order & 1)
-                if _in_order(code, tolerance):
-                    count = _look_up(table, code, tolerance, low, high, side, four, found, count)
-    return count
-
-
-@inlined
-def _exchange(four: np.ndarray, code: np.ndarray, ends: int) -> None:
-    """Exchange A and B, or else C and D, of stars (4,) and their code (4,)."""
-    if ends:
-        four[0], four[1] = four[1], four[0]
-        for k in range(2):
-            code[2 * k], code[2 * k + 1] = 1 - code[2 * k], -code[2 * k + 1]
-    else:
-        four[2], four[3] = four[3], four[2]
-        code[0], code[1], code[2], code[3] = code[2], code[3], code[0], code[1]
-
-
-@compiled
-def _look_up(table: QuadTable, code: np.ndarray, tolerance: float, low: float, high: float,
-             side: float, four: np.ndarray, found: tuple[np.ndarray, np.ndarray, np.ndarray],
-             count: int) -> int:
-    """Add the quads within tolerance of a code (4,) of stars four (4,) to count others."""
-    image, quad, ratio = found
-    first_1, last_1 = _cell_y(code[1] - tolerance), _cell_y(code[1] + tolerance)
-    first_3, last_3 = _cell_y(code[3] - tolerance), _cell_y(code[3] + tolerance)
-    for i in range(_cell_x(code[0] - tolerance), _cell_x(code[0] + tolerance) + 1):
-        for j in range(_cell_x(code[2] - tolerance), _cell_x(code[2] + tolerance) + 1):
-            for k in range(first_1, last_1 + 1):
-                row = ((i * _CELLS_X + j) * _CELLS_Y + k) * _CELLS_Y
-                for q in range(table.start[row + first_3], table.start[row + last_3 + 1]):
-                    if (count < len(quad) and low * side <= table.side[q] <= high * side
-                            and abs(table.code[q, 0] - code[0]) <= tolerance
-                            and abs(table.code[q, 1] - code[1]) <= tolerance
-                            and abs(table.code[q, 2] - code[2]) <= tolerance
-                            and abs(table.code[q, 3] - code[3]) <= tolerance):
-                        for m in range(4):
-                            image[count, m] = four[m]
-                        quad[count], ratio[count] = q, table.side[q] / side
-                        count += 1
-    return count
+    arrays = [np.ascontiguousarray(array, kind) for array, kind in (
+        (table.code, np.float32), (table.side, np.float32), (table.start, np.int32),
+        (direction, float), (quads, np.int32))]
+    sky = np.array(tuple(array.ctypes.data for array in arrays[:3]), native.QUAD_TABLE)
+    image, row, ratio = np.empty((most, 4), np.int32), np.empty(most, np.int32), np.empty(most)
+    count = np.array([most], np.uintp)
+    native.call('st_match_quads', sky, arrays[3], len(direction), arrays[4], len(quads), tolerance,
+                low, high, image, row, ratio, count)
+    found = slice(int(count[0]))
+    return image[found].copy(), row[found].astype(int), ratio[found].copy()

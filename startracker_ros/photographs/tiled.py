@@ -7,7 +7,7 @@ Identification of narrow fields with a catalogue of the user, too deep to be hel
 As blind.py, quads of image stars are looked up by their code: among the quads near a position,
 made of the stars there, or those of the whole sky, which the folder of the catalogue has. What
 differs is that no catalogue of all stars of a field of view is in memory. So the candidates are
-first weighed by the image stars that a catalogue star of the folder is near to (support.py); for
+first weighed by the image stars that a catalogue star of the folder is near to (support.h); for
 the best of them the stars about the image are read, and verify it as in any identification.
 """
 
@@ -17,11 +17,11 @@ from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, onboard_catalog
 from startracker_ros.core.catalog.sky_grid import SkyGrid
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
@@ -32,7 +32,6 @@ from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import TILED_HIGHEST_DEG, TILED_LOWEST_DEG
 from startracker_ros.photographs.sky_quads import (
     matching_quads, quad_table, quads_of, QuadTable)
-from startracker_ros.photographs.support import support_of_places, supporters
 from startracker_ros.photographs.tiles import double_precision, QUADS, TiledCatalogue
 
 QUAD_DENSITY = 1.6
@@ -220,7 +219,6 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-@compiled
 def supports(sky: SkyGrid, image: np.ndarray, sigma: np.ndarray, base: np.ndarray,
              star: np.ndarray, tolerance_sigmas: float, least: float) -> np.ndarray:
     """
@@ -228,10 +226,13 @@ def supports(sky: SkyGrid, image: np.ndarray, sigma: np.ndarray, base: np.ndarra
 
     Stars base (K, 4) of image (N, 3), with errors sigma (N,) in rad, are the rows star (K, 4).
     """
-    found, three = np.empty(len(base)), np.empty(3, np.int64)
-    for k in range(len(base)):
-        for m in range(3):
-            three[m] = base[k, m]
-        seen_by = supporters(sky, image, sigma, three, tolerance_sigmas)
-        found[k] = support_of_places(sky, seen_by, star[k, 0], star[k, 1], star[k, 2], least)
+    arrays = [np.ascontiguousarray(array, kind) for array, kind in (
+        (sky.direction, np.float32), (sky.start, np.int32), (sky.member, np.int32),
+        (image, float), (sigma, float), (base, np.int32), (star, np.int32))]
+    at = [array.ctypes.data for array in arrays]
+    cells = np.array((*at[:3], len(sky.direction), sky.cells), native.STAR_CELLS)
+    stars = np.array((*at[3:5], len(sigma), 0), native.IMAGE_STARS)
+    found = np.empty(len(base))
+    native.call('st_support_in_cells', cells, stars, tolerance_sigmas, at[5], at[6], len(base),
+                least, found)
     return found

@@ -47,9 +47,7 @@ class TiledCatalogue:
     def array(self, name: str) -> np.ndarray:
         """Return an array, mapped; CatalogueError where its file cannot be read."""
         try:
-            # Copy on write, hence writable like any other array: compiled functions are made
-            # for these. np.asarray: and for no other class.
-            return np.asarray(np.load(self.folder / f'{name}.npy', mmap_mode='c'))
+            return np.asarray(np.load(self.folder / f'{name}.npy', mmap_mode='r'))
         except (OSError, ValueError) as error:
             raise CatalogueError(f'{self.folder}: {name}.npy cannot be read ({error}): make the '
                                  'catalogue anew with startracker catalogue') from error

@@ -8,8 +8,8 @@ Such a lens is a fisheye, or a rectilinear one whose image is cropped or strongl
 projections of lenses differ little near the axis: an assumed one, of about the focal
 length, has the shapes of small quads of stars (sky_quads.py) nearly right. One after the other is
 assumed. A quad of neighbouring spots that has the shape of a quad of the sky is a candidate, and
-the lens is grown from its four stars (lens_growth.py): attitude, focal lengths, principal point
-and radial terms. The most probable one of all assumed lenses is taken.
+the lens is grown from its four stars (native/src/blind/lens_growth.h): attitude, focal lengths,
+principal point and radial terms. The most probable one of all assumed lenses is taken.
 
 Of T candidates tested so far, each has T times the probability of a single one that its matches
 are chance. The limit is so low that it adds nothing to the false alarms of other searches: a wide
@@ -19,14 +19,13 @@ lens sees dozens of bright stars.
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from itertools import combinations, islice
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.core.camera.distortion import coefficients_of, EQUIDISTANT, MODELS, PLUMB_BOB
-from startracker_ros.core.camera.lens import farthest_angle, Lens, project, rays, undistorted
-from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
+from startracker_ros.core.camera.model import (
+    Camera, CameraError, native_camera, project, unproject)
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -34,7 +33,7 @@ from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import Identification, per_centroid
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
-from startracker_ros.photographs.lens_growth import best_grown
+from startracker_ros.photographs.lens_fit import camera_of, SkyAndSpots
 from startracker_ros.photographs.sky_quads import matching_neighbours, SkyQuads
 
 
@@ -42,13 +41,13 @@ class Lenses(NamedTuple):
     """
     Lenses of a kind that are assumed.
 
-    radial are k1 to k4 of each; the longest side of the image has least_span focal lengths at
-    least, the shortest side most_span at most. free (P,) are the prior standard deviations of
+    radial are k1 to k4 of each fisheye; the longest side of the image has least_span focal lengths
+    at least, the shortest side most_span at most. free (P,) are the prior standard deviations of
     attitude, focal length, pixel ratio, principal point and the terms from k1 on.
     """
 
     model: str
-    radial: tuple[tuple[float, float, float, float], ...]
+    radial: tuple[tuple[float, ...], ...]
     least_span: float
     most_span: float
     free: np.ndarray
@@ -65,7 +64,7 @@ FISHEYES = Lenses(
     1.3, 5.2, np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001]))
 # Of 28 to some 100 deg and cropped, so that the axis may be anywhere. Narrower ones are found
 # without their distortion.
-RECTILINEAR = Lenses(PLUMB_BOB, ((0.0, 0.0, 0.0, 0.0),), 0.5, 1.7,
+RECTILINEAR = Lenses(PLUMB_BOB, ((),), 0.5, 1.7,
                      np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.25, 0.25, 0.25, 0.1]))
 _STEP = 1.15  # from one focal length to the next
 _LISTS, _SPOTS, _NEIGHBOURS = 3, 60, 7
@@ -109,46 +108,46 @@ class UnknownLensIdentifier:
             prepare(sky.stored, self._onboard.stored)
         tested = 0
         for centroids in islice(lists, _LISTS):
-            quads, uv = neighbours(centroids.uv[:_SPOTS]), centroids.uv[:_SPOTS].copy()
+            quads, uv = neighbours(centroids.uv[:_SPOTS]), centroids.uv[:_SPOTS]
             found = []
-            for lens in _assumed(shape, lenses):
-                spot, star, ratio, bright = self._candidates(catalog, sky, lens, uv, quads)
+            for camera in _assumed(shape, lenses):
+                spot, star, ratio, bright = self._candidates(catalog, sky, camera, uv, quads)
                 tested += len(spot)
                 if len(spot):
-                    found.append(best_grown(
-                        lens, lenses.free, self._onboard.direction[:bright], uv,
-                        centroids.sigma_px[:_SPOTS].copy(), spot, star, ratio))
+                    seen = SkyAndSpots(
+                        self._onboard.direction[:bright], uv, centroids.sigma_px[:_SPOTS])
+                    found.append(seen.grown(camera, lenses.free, spot, star, ratio))
             # The first one may have grown into a part of the image only.
-            for chance, lens, _, matched in sorted(found, key=itemgetter(0))[:_BEST]:
-                attempt = (self._attempt(lens, matched, centroids, chance * tested)
-                           if chance * tested < _CERTAIN else None)
+            for lens, matched in sorted(found, key=lambda one: one[0]['probability'])[:_BEST]:
+                false_alarm = float(lens['probability']) * tested
+                attempt = (self._attempt(lens, lenses.model, matched, centroids, false_alarm)
+                           if false_alarm < _CERTAIN else None)
                 if attempt is not None:
                     yield attempt
 
-    def _candidates(self, catalog: StarCatalog, sky: SkyQuads, lens: Lens, uv: np.ndarray,
-                    quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def _candidates(self, catalog: StarCatalog, sky: SkyQuads, camera: np.ndarray,
+                    uv: np.ndarray, quads: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """
         Return which spots (K, 4) of uv may be which stars (K, 4), and ratios of the sides (K,).
 
         The last one is the number of catalogue stars, the brightest ones, that the image may show.
         """
-        direction = rays(lens.equidistant, undistorted(lens, uv))
         spot, row, ratio = matching_neighbours(
-            sky.table, direction, quads, _TOLERANCE, 1 / _RATIO, _RATIO, _MOST_CANDIDATES)
-        bright = min(max(int(_STARS_PER_SPOT * len(uv) / _share_of_sky(lens)), _FEWEST_STARS),
+            sky.table, unproject(camera, uv), quads, _TOLERANCE, 1 / _RATIO, _RATIO,
+            _MOST_CANDIDATES)
+        bright = min(max(int(_STARS_PER_SPOT * len(uv) / _share_of_sky(camera)), _FEWEST_STARS),
                      len(self._onboard))
         star = self._onboard.index_of(catalog.hip[sky.table.star[row]])
         known = ((star >= 0) & (star < bright)).all(axis=1)
-        return spot[known].astype(np.int64), star[known], ratio[known], bright
+        return spot[known], star[known], ratio[known], bright
 
-    def _attempt(self, lens: Lens, matched: np.ndarray, centroids: Centroids, false_alarm: float
-                 ) -> Attempt | None:
+    def _attempt(self, lens: np.ndarray, model: str, matched: np.ndarray, centroids: Centroids,
+                 false_alarm: float) -> Attempt | None:
         """Return the result of a grown lens, None where no camera has it or it fits badly."""
         row = np.flatnonzero(matched >= 0)
         try:
-            model = EQUIDISTANT if lens.equidistant else PLUMB_BOB
-            camera = Camera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy,
-                            coefficients_of(model, lens.terms), model)
+            camera = camera_of(lens, model)
             sensor = camera.unproject(centroids.uv[row])
             # The errors of stars at the edge of the image circle lead out of it.
             inside = np.isfinite(sensor).all(axis=1)
@@ -158,7 +157,8 @@ class UnknownLensIdentifier:
         except (CameraError, AttitudeError):
             return None
         residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / camera.pixel_rad
-        if residual_px > max(_MOST_RESIDUAL * max(lens.width, lens.height), _LEAST_RESIDUAL_PX):
+        if residual_px > max(_MOST_RESIDUAL * max(camera.width, camera.height),
+                             _LEAST_RESIDUAL_PX):
             return None
         hip, magnitude, unknown = per_centroid(
             len(centroids), np.arange(len(matched)), matched, np.full(len(matched), np.nan),
@@ -180,25 +180,24 @@ def neighbours(uv: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(quads, axis=1), axis=0)
 
 
-def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[Lens]:
-    """Yield the lenses that are assumed, with the axis in the middle of an image (H, W) px."""
+def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[np.ndarray]:
+    """Yield the st_camera of each assumed lens, its axis in the middle of an image (H, W) px."""
     height, width = shape
-    equidistant = MODELS[lenses.model].equidistant
     longest, shortest = max(shape) / lenses.least_span, min(shape) / lenses.most_span
     steps = int(np.ceil(np.log(longest / shortest) / np.log(_STEP)))
     for focal_px in np.geomspace(longest, shortest, steps + 1).tolist():
-        for k1, k2, k3, k4 in lenses.radial:
-            terms = (k1, k2, 0.0, 0.0, k3, k4, 0.0, 0.0, 0.0)
-            yield Lens(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2,
-                       terms, k1 != 0, equidistant, farthest_angle(equidistant, terms))
+        for terms in lenses.radial:
+            yield native_camera((width, height), (focal_px, focal_px),
+                                ((width - 1) / 2, (height - 1) / 2), terms, lenses.model)
 
 
-def _share_of_sky(lens: Lens) -> float:
+def _share_of_sky(camera: np.ndarray) -> float:
     """Return the share of the sky, above the horizon of a lens, that an image shows."""
     z = 1 - (2 * np.arange(_SKY) + 1) / _SKY
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(_SKY)
     direction = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn),
                           z], axis=1)[z > _BELOW_HORIZON]
-    u, v = project(lens, direction).T
-    seen = (u > -0.5) & (u < lens.width - 0.5) & (v > -0.5) & (v < lens.height - 0.5)
+    u, v = project(camera, direction).T
+    seen = ((u > -0.5) & (u < camera['width_px'] - 0.5) & (v > -0.5)
+            & (v < camera['height_px'] - 0.5))
     return max(int(np.count_nonzero(seen)), 1) / _SKY

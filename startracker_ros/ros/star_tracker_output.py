@@ -11,7 +11,7 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
-from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.rotation import turned
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.track.options import TrackerOptions

@@ -37,7 +37,7 @@ def assertions():
             name = NAMES.get(id(element)) or C_TYPES[element.str[1:]]
             array = ''.join(f'[{length}]' for length in shape)
             pointer = ''.join(f', const {kind} **: 1' for kind in (
-                'void', 'char', 'double', 'int32_t', 'uint8_t') if name == 'uint64_t')
+                'void', 'char', 'double', 'float', 'int32_t', 'uint8_t') if name == 'uint64_t')
             yield (f'_Static_assert(_Generic(&(({struct} *)0)->{field}, {name} (*){array}: 1'
                    f'{pointer}, default: 0), "type of {where}");')
 

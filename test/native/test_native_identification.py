@@ -15,7 +15,6 @@ import pytest
 from skies import onboard_stars
 from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.sky_file import sky_arrays
 from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
@@ -101,7 +100,7 @@ class Flight:
 
     def __init__(self, camera, sky, **options):
         self.library = native.library()
-        self.config, self.camera = native.defaults(), native_camera(camera)
+        self.config, self.camera = native.defaults(), camera.native.copy()
         self.config['stages'] = 2
         self.config['capacities']['centroids'] = 1000
         for name, value in options.items():

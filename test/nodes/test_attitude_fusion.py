@@ -12,8 +12,7 @@ from sensor_msgs.msg import Imu, Temperature
 from startracker_evaluation.campaign.heads_scene import head_mounts, START_NS
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.fusion.mounts import load_mounts, Mount, save_mounts
-from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, multiply
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, multiply, turned
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (

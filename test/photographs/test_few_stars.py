@@ -3,6 +3,7 @@
 
 """A few stars of the real sky among many false spots, in a field that is given to 5 %."""
 
+from native_core import kernels
 import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
@@ -10,7 +11,6 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, random_attitude)
-from startracker_ros.photographs.chance import few_star_probability
 from startracker_ros.photographs.few_stars import few_stars, image_area
 from startracker_ros.photographs.ladder import LadderIdentifier, UncalibratedPyramid
 from startracker_ros.photographs.sky_triangles import sky_triangles
@@ -98,9 +98,9 @@ def test_the_probability_is_the_number_of_chance_fields():
     x, e = 1e-3, 0.05
     expected = (120 * 4 * np.pi * 4 * np.pi * e * 20 / 6 * (np.pi * x) ** 3 / 6)
     choices = 1 * (1 + np.log(120)) * 2
-    assert few_star_probability(5, 5, 5, 5, x, 1.0, (1.0, 1.0), e) == pytest.approx(
-        expected * choices)
-    assert few_star_probability(50, 4, 4, 20, 1e-9, 1.0, (1.0, 1.0), e) == 1.0
+    probability = kernels().stt_few_star_probability
+    assert probability(5, 5, 5, 5, x, 1.0, 1.0, 1.0, e) == pytest.approx(expected * choices)
+    assert probability(50, 4, 4, 20, 1e-9, 1.0, 1.0, 1.0, e) == 1.0
 
 
 @pytest.mark.slow

@@ -11,8 +11,7 @@ from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.exclusion import ExclusionOptions, HORIZON_S
 from startracker_ros.core.astro.observer_motion import ObserverMotion
-from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import quaternion_from_axes
+from startracker_ros.core.maths.rotation import quaternion_from_axes, turned
 from startracker_ros.core.track.tracks import Hint
 from startracker_ros.ros.star_tracker_output import TrackerStateOutput
 

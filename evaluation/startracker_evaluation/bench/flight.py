@@ -28,7 +28,6 @@ from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.identify.sky_file import sky_arrays
-from startracker_ros.core.native_tracker import native_camera
 from startracker_ros.core.stored_arrays import write_arrays
 from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -88,7 +87,7 @@ def tracker_bytes(camera: Camera, sky: Path, stages: int, capacities: Mapping[st
     for name, value in capacities.items():
         config['capacities'][name] = value
     file = np.memmap(sky, np.uint8, 'r')
-    given = (config, native_camera(camera), np.array((file.ctypes.data, len(file)), native.SKY))
+    given = (config, camera.native, np.array((file.ctypes.data, len(file)), native.SKY))
     native.check(native.library().st_size(*(one.ctypes.data for one in given),
                                           ctypes.byref(size)))
     return size.value
@@ -123,7 +122,7 @@ def _recordings(frames: int, seed: int, folder: Path) -> Iterator[tuple[str, Pat
         path, config = folder / name, native.defaults()
         config['identification']['slice_s'] = _SLICE_S if name == 'slices' else 0.0
         with path.open('wb') as file:
-            file.write(config.tobytes() + native_camera(CAMERA).tobytes()
+            file.write(config.tobytes() + CAMERA.native.tobytes()
                        + np.array([1, len(images)], np.int32).tobytes())
             for number, image in enumerate(images):
                 file.write(np.int64((number + 1) * _PERIOD_NS).tobytes()

@@ -20,9 +20,8 @@ from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame
 from startracker_ros.core.fusion.mounts import MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
-    ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
+    ARCSEC, attitude_error, matrix_from_quaternion, random_attitude, turned)
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.track.track_filter import TrackFilter
 from startracker_ros.core.track.tracks import Hint

@@ -12,10 +12,9 @@ from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude
 from startracker_ros.core.fusion.head import HeadFrame, HeadState
 from startracker_ros.core.fusion.mounts import Mount
-from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
-    random_attitude)
+    random_attitude, turned)
 from startracker_ros.sim.sky.sensors import Gyro, GyroOptions
 
 START_NS = stamp_from_epoch_year(2026.5)

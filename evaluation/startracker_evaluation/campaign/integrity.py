@@ -18,8 +18,7 @@ from startracker_evaluation.campaign.integrity_motion import (
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.frame_result import FrameResult
-from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import ARCSEC, conjugate, random_attitude, rotate
+from startracker_ros.core.maths.rotation import ARCSEC, conjugate, random_attitude, rotate, turned
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.table import Result

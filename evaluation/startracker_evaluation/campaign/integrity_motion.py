@@ -16,9 +16,9 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.compiled_rotation import mean_attitude, rotation_between
 from startracker_ros.core.maths.rotation import (
-    conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
+    attitude_error, conjugate, mean_attitude, multiply, quaternion_from_rotation_vector,
+    random_attitude, rotate)
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
@@ -225,7 +225,7 @@ def motion_frames(condition: MotionCondition, rng: np.random.Generator, frames: 
         half_s = max(condition.exposure_s, _SAMPLE_S) / 2
         begin, end = attitude(np.array([stamp_s - half_s, stamp_s + half_s]))
         yield (result, partial(_mean_pointing, attitude, stamp_s + part_s),
-               rotation_between(begin, end) / (2 * half_s))
+               attitude_error(end, begin) / (2 * half_s))
 
 
 def _mean_pointing(attitude: Callable[[np.ndarray], np.ndarray], times_s: np.ndarray,

@@ -61,8 +61,20 @@ bool field_is_possible(const Lens &lens, st_fault *fault) {
     return true;
 }
 
-/// Whether distort() has an inverse over the image and does not fold it. Pixels outside the image
-/// circle of a fisheye do not count.
+/// Set the lens of a camera for a call with these arrays; ST_OK unless one of them is not possible.
+st_status lens_for(const st_camera *camera, const double *from, const double *to, Lens &lens) {
+    if (camera == nullptr || from == nullptr || to == nullptr) {
+        return ST_NULL_POINTER;
+    }
+    if (!numbers_are_possible(*camera, nullptr)) {
+        return ST_OUT_OF_RANGE;
+    }
+    lens = lens_of(*camera);
+    return ST_OK;
+}
+
+}  // namespace
+
 bool image_does_not_fold(const Lens &lens, st_fault *fault) {
     const bool circle = lens.equidistant && lens.farthest_rad >= CIRCLE_RAD;
     for (int i = 0; i <= GRID * (GRID + 2); ++i) {
@@ -87,19 +99,6 @@ bool image_does_not_fold(const Lens &lens, st_fault *fault) {
     return true;
 }
 
-/// Set the lens of a camera for a call with these arrays; ST_OK unless one of them is not possible.
-st_status lens_for(const st_camera *camera, const double *from, const double *to, Lens &lens) {
-    if (camera == nullptr || from == nullptr || to == nullptr) {
-        return ST_NULL_POINTER;
-    }
-    if (!numbers_are_possible(*camera, nullptr)) {
-        return ST_OUT_OF_RANGE;
-    }
-    lens = lens_of(*camera);
-    return ST_OK;
-}
-
-}  // namespace
 }  // namespace st
 
 using namespace st;

@@ -147,6 +147,10 @@ inline Vector3 unproject(const Lens &lens, const Point &pixel) {
 /// x / z, y / z, and c = theta cot theta, h = (1 - c) / theta^2 for an equidistant lens.
 Flow image_flow(const Lens &lens, const Point &plane);
 
+/// Whether distort() has an inverse over the image and does not fold it; fills the fault, which may be
+/// null, otherwise. Pixels outside the image circle of a fisheye do not count.
+bool image_does_not_fold(const Lens &lens, st_fault *fault);
+
 /// Return the largest angle between the optical axis and a corner of the image or of its circle.
 double corner_angle(const Lens &lens);
 

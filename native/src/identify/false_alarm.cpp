@@ -47,10 +47,10 @@ constexpr Shares SHARES = permutation_shares();
 
 }  // namespace
 
-int occupied_cells(const ImageStars &stars, const int32_t *star, double area, bool *brightest,
-                   Arena &work) {
+int occupied_cells(const ImageStars &stars, const int32_t *star, double area, int across,
+                   bool *brightest, Arena &work) {
     const Arena::Scope scope(work);
-    const double edge = std::sqrt(area) / CELLS_ACROSS;
+    const double edge = std::sqrt(area) / across;
     auto *cell = work.take<Point>(static_cast<size_t>(stars.count));
     int cells = 0;
     for (int i = 0; i < stars.count; ++i) {

@@ -39,10 +39,11 @@ namespace st {
 /// Cells along one side of a square image: 3/4 of a degree in a field of 12.
 constexpr int CELLS_ACROSS = 16;
 
-/// Mark the brightest matched star of each cell of an image of an area in rad^2; return how many
-/// cells hold stars. star is -1 for image stars without a match.
-int occupied_cells(const ImageStars &stars, const int32_t *star, double area, bool *brightest,
-                   Arena &work);
+/// Mark the brightest matched star of each cell of an image of an area in rad^2, across of them along
+/// the side of a square one; return how many cells hold stars. star is -1 for image stars without a
+/// match.
+int occupied_cells(const ImageStars &stars, const int32_t *star, double area, int across,
+                   bool *brightest, Arena &work);
 
 /// Return P_1, the probability of m or more successes of n.
 double binomial_tail(int m, int n, double p);

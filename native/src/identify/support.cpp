@@ -5,8 +5,6 @@
 
 #include <cmath>
 
-#include "sky/near.h"
-
 namespace st {
 namespace {
 
@@ -27,7 +25,7 @@ double order_support(const int32_t base[3], int32_t first, int32_t second, int32
 
 }  // namespace
 
-Supporters supporters(const Patterns &sky, const ImageStars &stars, const int32_t base[3],
+Supporters supporters(int32_t catalogue_stars, const ImageStars &stars, const int32_t base[3],
                       double tolerance_sigmas) {
     const Vector3 *image = stars.direction;
     Supporters found{};
@@ -42,7 +40,7 @@ Supporters supporters(const Patterns &sky, const ImageStars &stars, const int32_
         variance[k] = stars.sigma[base[k]] * stars.sigma[base[k]];
     }
     // Beyond, a star is there by chance.
-    const double farthest = 2 / std::sqrt(static_cast<double>(sky.stars));
+    const double farthest = 2 / std::sqrt(static_cast<double>(catalogue_stars));
     for (int i = 0; i < stars.count; ++i) {
         if (i == base[0] || i == base[1] || i == base[2]) {
             continue;
@@ -75,7 +73,7 @@ Supporters supporters(const Patterns &sky, const ImageStars &stars, const int32_
 
 double support(const Patterns &sky, const Supporters &stars, int32_t first, int32_t second,
                int32_t third, double enough) {
-    const double *A = sky.direction[first], *B = sky.direction[second], *C = sky.direction[third];
+    const int32_t three[3] = {first, second, third};
     const double order = order_support(stars.base, first, second, third);
     double found = 0.0, left = stars.sum;
     for (int i = 0; i < stars.count && found + left > enough - order; ++i) {
@@ -83,13 +81,7 @@ double support(const Patterns &sky, const Supporters &stars, int32_t first, int3
             break;
         }
         left -= stars.gain[i];
-        const Vector3 &w = stars.weight[i];
-        Vector3 at;
-        for (int k = 0; k < 3; ++k) {
-            at[k] = w[0] * A[k] + w[1] * B[k] + w[2] * C[k];
-        }
-        at = scaled(at, 1 / norm(at));
-        if (has_near(sky.cells, sky.direction, at, stars.reach[i])) {
+        if (is_supported(sky.cells, sky.direction, stars, i, three)) {
             found += stars.gain[i];
         }
     }

@@ -23,6 +23,7 @@
 
 #include "identify/image_stars.h"
 #include "identify/patterns.h"
+#include "sky/near.h"
 
 namespace st {
 
@@ -42,8 +43,24 @@ struct Supporters {
     double sum;                     // of all gains
 };
 
-Supporters supporters(const Patterns &sky, const ImageStars &stars, const int32_t base[3],
+/// Return those of a base, by a catalogue of so many stars of the whole sky.
+Supporters supporters(int32_t catalogue_stars, const ImageStars &stars, const int32_t base[3],
                       double tolerance_sigmas);
+
+/// Whether one of these directions, of any precision, is where a supporter is predicted when the base
+/// is three of them.
+template <class Real>
+inline bool is_supported(const Cells &cells, const Real (*direction)[3], const Supporters &stars,
+                         int supporter, const int32_t three[3]) {
+    const Vector3 &w = stars.weight[supporter];
+    Vector3 at{};
+    for (int k = 0; k < 3; ++k) {
+        for (int i = 0; i < 3; ++i) {
+            at[k] += w[i] * static_cast<double>(direction[three[i]][k]);
+        }
+    }
+    return has_near(cells, direction, scaled(at, 1 / norm(at)), stars.reach[supporter]);
+}
 
 /// Return the support for a candidate: the base is these three catalogue stars, which are numbered
 /// by brightness. A sum that can no longer exceed enough is not completed.

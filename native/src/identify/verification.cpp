@@ -79,7 +79,7 @@ void count_fields(Verifier &verifier) {
     sort_ascending(verifier.counts, FIELD_SAMPLES);
 }
 
-int count_in_image(const Verifier &verifier, const StarMatch &found) {
+int count_in_image(const Verifier &verifier, const StarMatch &found, int32_t brightest) {
     const Field &field = verifier.field;
     const Matrix3 &R = found.R;
     const double low_a = field.low_a / found.focal_ratio,
@@ -88,6 +88,9 @@ int count_in_image(const Verifier &verifier, const StarMatch &found) {
                  high_b = field.high_b / found.focal_ratio;
     int stars = 0;
     visit_near(verifier.sky.cells, {{R[0][2], R[1][2], R[2][2]}}, field.chord, [&](int32_t star) {
+        if (star >= brightest) {
+            return;
+        }
         const Point at = seen_at(verifier.equidistant, R, verifier.sky.direction[star]);
         // NaN is in no range.
         stars += low_a <= at.x && at.x <= high_a && low_b <= at.y && at.y <= high_b;
@@ -115,9 +118,9 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
                verifier.scale_error, found, work)) {
         return;
     }
-    const int in_field = count_in_image(verifier, found);
+    const int in_field = count_in_image(verifier, found, verifier.sky.stars);
     auto *brightest = work.take<bool>(static_cast<size_t>(stars.count));
-    const int cells = occupied_cells(stars, found.star, area, brightest, work);
+    const int cells = occupied_cells(stars, found.star, area, CELLS_ACROSS, brightest, work);
     const auto marked = static_cast<int>(std::count(brightest, brightest + stars.count, true));
     // The stars of the base are no evidence for it.
     const int m = std::max(marked - based, 0), n = std::max(cells - based, m);

@@ -46,8 +46,8 @@ struct Verifier {
 /// Set the numbers of stars in fields about random directions.
 void count_fields(Verifier &verifier);
 
-/// Return how many stars are in the field about an attitude.
-int count_in_image(const Verifier &verifier, const StarMatch &found);
+/// Return how many of so many brightest stars are in the field about an attitude.
+int count_in_image(const Verifier &verifier, const StarMatch &found, int32_t brightest);
 
 /// The result: 1 is a rejected candidate.
 struct Verification {

@@ -65,13 +65,17 @@ inline void visit_near(const Cells &cells, const Vector3 &centre, double chord, 
     });
 }
 
-/// Whether one of these directions is within a chord of a unit vector.
-inline bool has_near(const Cells &cells, const double (*direction)[3], const Vector3 &centre,
+/// Whether one of these directions, of any precision, is within a chord of a unit vector.
+template <class Real>
+inline bool has_near(const Cells &cells, const Real (*direction)[3], const Vector3 &centre,
                      double chord) {
     return any_near(cells, centre, chord, [&](int32_t star) {
-        const double *d = direction[star];
-        const double dx = d[0] - centre[0], dy = d[1] - centre[1], dz = d[2] - centre[2];
-        return dx * dx + dy * dy + dz * dz <= chord * chord;
+        double square = 0.0;
+        for (int k = 0; k < 3; ++k) {
+            const double d = static_cast<double>(direction[star][k]) - centre[k];
+            square += d * d;
+        }
+        return square <= chord * chord;
     });
 }
 

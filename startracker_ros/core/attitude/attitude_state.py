@@ -11,9 +11,8 @@ The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Cont
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, quaternion_from_rotation_vector)
+    matrix_from_quaternion, quaternion_from_rotation_vector, turned)
 
 _ANGLE, _RATE, _DRIFT = np.arange(9).reshape(3, 3)
 

@@ -4,13 +4,13 @@
 """The attitude of one frame of identified stars, with its covariance and residuals."""
 
 import numpy as np
-from startracker_ros.core.attitude import solution
-from startracker_ros.core.attitude.refinement import inverse_information
+from startracker_ros.core import native
 from startracker_ros.core.attitude.result import (
-    AttitudeEstimate, covariance_icrf, failure, FIRST_FAILURE, SOLVERS)
+    AttitudeEstimate, covariance_icrf, failure, SOLVERS)
 
-_SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
-           'triad': solution.TRIAD}
+# Of the least eigenvalue of the information to its trace that is observable: MIN_GAP of
+# native/src/attitude/refinement.h.
+_OBSERVABLE = 1e-12 / 4
 
 
 class AttitudeError(ValueError):
@@ -29,10 +29,8 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     at errors of sigma_rad, whatever the residuals: a wrong identification or a mirrored
     image shows in chi2. AttitudeError when no attitude follows.
     """
-    # Copies: they are normalised in place, and compiled for arrays of one kind.
-    sensor = np.array(sensor, float, order='C')
-    icrf = np.array(icrf, float, order='C')
-    sigma_rad = np.array(sigma_rad, float, order='C')
+    sensor, icrf, sigma_rad = (
+        np.ascontiguousarray(array, float) for array in (sensor, icrf, sigma_rad))
     count = len(sigma_rad) if sigma_rad.ndim == 1 else -1
     if sensor.shape != (count, 3) or icrf.shape != (count, 3):
         raise AttitudeError(f'shapes {sensor.shape}, {icrf.shape} and {sigma_rad.shape} '
@@ -41,12 +39,26 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
         raise AttitudeError(f'{count} stars: an attitude needs at least 2')
     if solver not in SOLVERS:
         raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
-    status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
-        _SOLVER[solver], sensor, icrf, sigma_rad)
-    if status != solution.SOLVED:
-        raise AttitudeError(failure(FIRST_FAILURE + status, (
-            sigma_rad.min(),) if status == solution.SIGMA else (star, twin)))
-    return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
+    found, reason = np.zeros((), native.ATTITUDE), np.zeros((), native.REASON)
+    residual_rad, work = np.empty(count), np.empty(512 + 64 * count, np.uint8)
+    native.call('st_fit_attitude', SOLVERS.index(solver), sensor, icrf, sigma_rad, count, found,
+                residual_rad, reason, work, len(work))
+    if reason['code']:
+        raise AttitudeError(failure(int(reason['code']), reason['figure']))
+    return AttitudeEstimate(found['quaternion'].copy(), found['covariance_rad2'].copy(), count,
+                            residual_rad, float(found['chi2']))
+
+
+def information(directions: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
+    """
+    Return the Fisher information (3, 3) of unit vectors p (N, 3) with errors sigma (N,).
+
+    Sum of (I - p p^T) / sigma^2; its diagonal as sums of squares keeps the digits of close stars.
+    """
+    p, weight = np.asarray(directions, float), np.asarray(sigma_rad, float) ** -2.0
+    F = -(weight * p.T) @ p
+    np.fill_diagonal(F, weight @ (p[:, [1, 0, 0]] ** 2 + p[:, [2, 2, 1]] ** 2))
+    return F
 
 
 def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
@@ -57,13 +69,11 @@ def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
     sight are Gaussian of sigma_rad (N,) (Shuster and Oh, J. Guid. Control 4, 1981, eq. 98).
     AttitudeError when it is singular.
     """
-    least = np.min(sigma_rad)
-    covariance, determinant = inverse_information(
-        np.array(sensor, float, order='C'), np.square(least / np.array(sigma_rad, float)))
-    if determinant <= 0:
+    F = information(sensor, sigma_rad)
+    if not np.linalg.eigvalsh(F)[0] > _OBSERVABLE * np.trace(F):
         raise AttitudeError('the directions are parallel: they have no information about '
                             'the rotation about them')
-    return covariance * least ** 2
+    return np.linalg.inv(F)
 
 
 def mean_chi2(estimate: AttitudeEstimate, icrf: np.ndarray, sigma_rad: np.ndarray) -> float:

@@ -14,9 +14,6 @@ from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quat
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
 
-FIRST_FAILURE = 605
-"""Code of a failure without the status of solution.py."""
-
 FAILURES = {
     606: 'NaN or infinity among the directions or their sigma',
     607: 'sigma of {:g} rad must be positive',

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
-from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.gates import gate
 from startracker_ros.core.maths.rotation import (
-    attitude_error, conjugate, matrix_from_quaternion, multiply)
+    attitude_error, conjugate, matrix_from_quaternion, multiply, turned)
 
 ACCELERATION_FACTORS = (1.0, 10.0, 100.0, 1000.0)
 """Factors of the acceleration noise that are tried until the innovation is within the gate."""

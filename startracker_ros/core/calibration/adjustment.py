@@ -17,8 +17,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from startracker_ros.core.camera.distortion import terms_of
-from startracker_ros.core.camera.lens import plane_points
+from startracker_ros.core.camera.distortion import plane_points, terms_of
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)

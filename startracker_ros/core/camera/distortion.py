@@ -17,6 +17,8 @@ the distorted coordinates are a L + 2 p1 a b + p2 (s + 2 a2), b L + p1 (s + 2 b2
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 Terms = tuple[float, float, float, float, float, float, float, float, float]
 """k1, k2, p1, p2, k3, k4, d1, d2, d3."""
 
@@ -56,3 +58,45 @@ def coefficients_of(model: str, terms: Terms) -> tuple[float, ...]:
     """Return the coefficients of a model out of all terms."""
     value = dict(zip(('k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'd1', 'd2', 'd3'), terms))
     return tuple(value[name] for name in MODELS[model].coefficients)
+
+
+_ANGLE_STEP_RAD = 1 / 256
+
+
+def farthest_angle(model: str, coefficients: tuple[float, ...]) -> float:
+    """
+    Return the largest angle to the axis that has a pixel: beyond, an equidistant lens folds.
+
+    Infinity for other lenses, which must not fold within their images.
+    """
+    if not MODELS[model].equidistant:
+        return math.inf
+    theta = np.arange(1, LARGEST_RAD / _ANGLE_STEP_RAD) * _ANGLE_STEP_RAD
+    k1, k2, k3, k4 = coefficients
+    slope = np.polyval([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1], theta ** 2)
+    folded = np.flatnonzero(~(slope > 0))
+    return float(theta[folded[0]] - _ANGLE_STEP_RAD) if len(folded) else LARGEST_RAD
+
+
+def plane_points(equidistant: bool, directions: np.ndarray) -> np.ndarray:
+    """
+    Return the undistorted coordinates a, b (N, 2) of directions (N, 3).
+
+    NaN where one has none: behind a camera, or straight back.
+    """
+    along = directions[:, 2:]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        if not equidistant:
+            return np.where(along > 0, directions[:, :2] / along, np.nan)
+        across = np.hypot(directions[:, :1], directions[:, 1:2])
+        ahead = np.where(along > 0, 1.0, np.nan)
+        return directions[:, :2] * np.where(across > 0, np.arctan2(across, along) / across, ahead)
+
+
+def rays(equidistant: bool, plane: np.ndarray) -> np.ndarray:
+    """Return the unit vectors (N, 3) of undistorted coordinates (N, 2)."""
+    theta = np.hypot(*plane.T)[:, None]
+    if equidistant:
+        # numpy.sinc is that of pi times its argument.
+        return np.hstack([np.sinc(theta / np.pi) * plane, np.cos(theta)])
+    return np.insert(plane, 2, 1.0, axis=1) / np.hypot(theta, 1)

@@ -11,9 +11,8 @@ distort; focal lengths and principal point make pixels of them.
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.distortion import LARGEST_RAD, Terms
+from startracker_ros.core.camera.distortion import Terms
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.rotation import quaternion_from_axes
 
 
 class Lens(NamedTuple):
@@ -21,7 +20,7 @@ class Lens(NamedTuple):
     Image size, focal lengths and principal point in px, distortion terms.
 
     distorted is whether any term is not zero; equidistant whether (a, b) is an angle; farthest_rad
-    is that of farthest_angle().
+    is that of distortion.farthest_angle().
     """
 
     width: int
@@ -36,37 +35,9 @@ class Lens(NamedTuple):
     farthest_rad: float
 
 
-# An equidistant lens that folds beyond this angle has an image circle; else its terms are wrong.
-_CIRCLE_RAD = np.radians(65.0)
-_ANGLE_STEP_RAD = 1 / 256
 # Errors of an inverse in focal lengths: none, and the largest one.
 _EXACT, _LARGEST_ERROR = 1e-14, 1e-9
 _MOST_STEPS = 60
-
-
-@compiled
-def farthest_angle(equidistant: bool, terms: Terms) -> float:
-    """
-    Return the largest angle to the axis that has a pixel: beyond, an equidistant lens folds.
-
-    Infinity for other lenses, which must not fold within their images.
-    """
-    if not equidistant:
-        return np.inf
-    k1, k2, _, _, k3, k4, _, _, _ = terms
-    theta = _ANGLE_STEP_RAD
-    while theta < LARGEST_RAD:
-        s = theta * theta
-        if not 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4))) > 0:
-            return theta - _ANGLE_STEP_RAD
-        theta += _ANGLE_STEP_RAD
-    return LARGEST_RAD
-
-
-@compiled
-def shows(lens: Lens, u: float, v: float) -> bool:
-    """Return whether a pixel is in the image; False for NaN."""
-    return -0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
 
 
 @compiled
@@ -199,16 +170,6 @@ def undistorted(lens: Lens, uv: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def plane_points(equidistant: bool, directions: np.ndarray) -> np.ndarray:
-    """Return plane_point() of directions (N, 3)."""
-    plane = np.empty((len(directions), 2))
-    for i in range(len(directions)):
-        plane[i, 0], plane[i, 1] = plane_point(equidistant, directions[i, 0], directions[i, 1],
-                                               directions[i, 2])
-    return plane
-
-
-@compiled
 def rays(equidistant: bool, plane: np.ndarray) -> np.ndarray:
     """Return the unit vectors (N, 3) of undistorted coordinates (N, 2)."""
     directions = np.empty((len(plane), 3))
@@ -216,43 +177,3 @@ def rays(equidistant: bool, plane: np.ndarray) -> np.ndarray:
         directions[i, 0], directions[i, 1], directions[i, 2] = ray(equidistant, plane[i, 0],
                                                                    plane[i, 1])
     return directions
-
-
-def middle_axes(lens: Lens) -> np.ndarray:
-    """
-    Return the rotation (4,) from the axes of the middle of the image to sensor axes.
-
-    Those have +z through the middle of the image and +y along the image, down.
-    """
-    centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
-    return quaternion_from_axes(*rays(
-        lens.equidistant, undistorted(lens, np.array([centre, centre + [0, 1]]))))
-
-
-@compiled
-def distortion_errors(lens: Lens, uv: np.ndarray) -> tuple[float, float]:
-    """
-    Return how far pixels (N, 2) are from invertible.
-
-    The largest error of distort() after undistort(), in units of the focal length, and the
-    smallest determinant of its Jacobian, which is positive where the image is not folded. Pixels
-    outside the image circle of a fisheye do not count.
-    """
-    largest, least = 0.0, np.inf
-    circle = lens.equidistant and lens.farthest_rad >= _CIRCLE_RAD
-    plane = undistorted(lens, uv)
-    for i in range(len(uv)):
-        a, b = plane[i, 0], plane[i, 1]
-        if circle and np.isnan(a):
-            continue
-        x, y = distort(lens.terms, a, b)
-        error = max(abs(lens.fx * x + lens.cx - uv[i, 0]) / lens.fx,
-                    abs(lens.fy * y + lens.cy - uv[i, 1]) / lens.fy)
-        xx, cross, yy = distortion_jacobian(lens.terms, a, b)
-        determinant = xx * yy - cross * cross
-        # NaN stays.
-        if error > largest or np.isnan(error):
-            largest = error
-        if determinant < least or np.isnan(determinant):
-            least = determinant
-    return largest, least

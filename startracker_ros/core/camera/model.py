@@ -9,8 +9,10 @@ from numbers import Real
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.camera.distortion import (
-    DistortionModel, LARGEST_RAD, MODELS, PLUMB_BOB, terms_of)
+    DistortionModel, farthest_angle, LARGEST_RAD, MODELS, PLUMB_BOB, terms_of)
+from startracker_ros.core.maths.rotation import quaternion_from_axes
 
 if TYPE_CHECKING:
     from startracker_ros.core.camera.lens import Lens
@@ -83,15 +85,7 @@ class Camera:
                 f'of the model {self.distortion_model} has it (focal length {self.fx:g}, '
                 f'{self.fy:g} px, principal point {self.cx:g}, {self.cy:g} px, image of '
                 f'{self.width} x {self.height} px)')
-        if not self._ideal:
-            self._check_distortion()
-
-    def _check_distortion(self) -> None:
-        """Raise CameraError for a model that has no inverse somewhere in the image."""
-        from startracker_ros.core.camera.lens import distortion_errors
-        error, determinant = distortion_errors(
-            self.lens, _GRID * [self.width - 1, self.height - 1])
-        if not (error < 1e-9 and determinant > 0):
+        if not self._ideal and native.library().st_check_camera(self.native.ctypes.data, None):
             raise CameraError(f'distortion {self.distortion} folds the image over itself')
 
     @classmethod
@@ -155,7 +149,7 @@ class Camera:
         """Return the angle from the first to the last pixel of a column or row, about an axis."""
         direction = self.unproject(np.array(edges))
         angles = np.arctan2(direction[:, axis], direction[:, 2])
-        farthest = self.lens.farthest_rad if np.isnan(angles).any() else 0.0
+        farthest = self.farthest_rad if np.isnan(angles).any() else 0.0
         low, high = np.where(np.isnan(angles), [-farthest, farthest], angles)
         return float(high - low)
 
@@ -176,7 +170,7 @@ class Camera:
         corners = self.unproject(np.array(
             [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
         if np.isnan(corners).any():
-            return self.lens.farthest_rad
+            return self.farthest_rad
         return float(np.arccos(corners[:, 2].min()))
 
     @cached_property
@@ -185,19 +179,28 @@ class Camera:
         return float(1 / np.sqrt(self.fx * self.fy))
 
     @cached_property
+    def farthest_rad(self) -> float:
+        """Largest angle to the axis that has a pixel: farthest_angle()."""
+        return farthest_angle(self.distortion_model, self.distortion)
+
+    @cached_property
+    def native(self) -> np.ndarray:
+        """Return the camera as an st_camera, which must not be changed."""
+        return native_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy),
+                             self.distortion, self.distortion_model)
+
+    @cached_property
     def lens(self) -> 'Lens':
         """Return the camera model for compiled functions."""
-        from startracker_ros.core.camera.lens import farthest_angle, Lens
-        terms = terms_of(self.distortion_model, self.distortion)
+        from startracker_ros.core.camera.lens import Lens
         return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
-                    float(self.cy), terms, any(self.distortion), self.model.equidistant,
-                    farthest_angle(self.model.equidistant, terms))
+                    float(self.cy), terms_of(self.distortion_model, self.distortion),
+                    any(self.distortion), self.model.equidistant, self.farthest_rad)
 
     @cached_property
     def middle_axes(self) -> np.ndarray:
-        """Return the rotation (4,) of lens.middle_axes()."""
-        from startracker_ros.core.camera.lens import middle_axes
-        return middle_axes(self.lens)
+        """Return the rotation (4,) from the axes of the middle of the image to sensor axes."""
+        return middle_axes(self.native)
 
     def with_focal_ratio(self, ratio: float) -> 'Camera':
         """Return the camera with both focal lengths multiplied by ratio."""
@@ -256,10 +259,8 @@ class Camera:
             with np.errstate(invalid='ignore', divide='ignore'):
                 tangent = np.where(z > 0, directions[..., :2] / z, np.nan)
             return tangent * self._focal_px + self._centre_px
-        # Imported only here: compiled code takes 0.3 s to import.
-        from startracker_ros.core.camera.lens import project
-        flat = np.ascontiguousarray(directions.reshape(-1, 3))
-        return project(self.lens, flat).reshape(*directions.shape[:-1], 2)
+        return project(self.native, directions.reshape(-1, 3)).reshape(
+            *directions.shape[:-1], 2)
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
         """
@@ -273,10 +274,7 @@ class Camera:
             vector[..., :2] = (pixels - self._centre_px) / self._focal_px
             vector[..., 2] = 1
             return vector / np.sqrt(np.einsum('...i,...i', vector, vector))[..., None]
-        from startracker_ros.core.camera.lens import rays, undistorted
-        flat = np.array(pixels.reshape(-1, 2))  # contiguous, and not read-only: as compiled
-        found = rays(self.model.equidistant, undistorted(self.lens, flat))
-        return found.reshape(*pixels.shape[:-1], 3)
+        return unproject(self.native, pixels.reshape(-1, 2)).reshape(*pixels.shape[:-1], 3)
 
     def contains(self, pixels: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
         """Return whether pixels (..., 2) are in the image, at least margin_px from its edges."""
@@ -295,5 +293,41 @@ class Camera:
 
     @cached_property
     def _ideal(self) -> bool:
-        """Whether it is a pinhole without distortion, which needs no compiled code."""
+        """Whether it is a pinhole without distortion."""
         return not self.model.equidistant and not any(self.distortion)
+
+
+def native_camera(size: tuple[int, int], focal_px: tuple[float, float],
+                  centre_px: tuple[float, float], distortion: tuple[float, ...], model: str
+                  ) -> np.ndarray:
+    """Return an st_camera, unchecked."""
+    terms = np.zeros(8)
+    terms[:len(distortion)] = distortion
+    return np.array((*size, *focal_px, *centre_px, terms, list(MODELS).index(model), 0),
+                    native.CAMERA)
+
+
+def project(camera: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Return pixels (N, 2) of sensor-frame vectors (N, 3) in an st_camera, as Camera.project()."""
+    pixels = np.empty((len(directions), 2))
+    native.call('st_project', camera, np.ascontiguousarray(directions, float), pixels,
+                len(directions))
+    return pixels
+
+
+def unproject(camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return unit vectors (N, 3) of pixels (N, 2) of an st_camera, as Camera.unproject()."""
+    directions = np.empty((len(pixels), 3))
+    native.call('st_unproject', camera, np.ascontiguousarray(pixels, float), directions,
+                len(pixels))
+    return directions
+
+
+def middle_axes(camera: np.ndarray) -> np.ndarray:
+    """
+    Return the rotation (4,) from the axes of the middle of the image to sensor axes.
+
+    Those have +z through the middle of the image of an st_camera and +y along the image, down.
+    """
+    centre = np.array([(camera['width_px'] - 1) / 2, (camera['height_px'] - 1) / 2])
+    return quaternion_from_axes(*unproject(camera, np.array([centre, centre + [0, 1]])))

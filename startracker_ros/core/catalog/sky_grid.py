@@ -1,13 +1,12 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Star directions in the cells of a cube, for compiled neighbour searches."""
+"""Star directions in the cells of a cube, for searches of neighbours."""
 
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.lens import plane_point
-from startracker_ros.core.compiled import compiled, inlined
+from startracker_ros.core import native
 
 
 class SkyGrid(NamedTuple):
@@ -78,87 +77,17 @@ def brightest_everywhere(direction: np.ndarray, density: float) -> np.ndarray:
     return np.sort(order[place < _CELL_STARS])
 
 
-@inlined
-def _cells_about(grid: SkyGrid, coordinate: float, chord: float) -> tuple[int, int]:
-    """Return the first and the last cell, along one axis, within chord of a coordinate."""
-    half = grid.cells / 2
-    low = int((coordinate - chord + 1) * half)
-    high = int((coordinate + chord + 1) * half)
-    return max(low, 0), min(high, grid.cells - 1)
-
-
-@inlined
-def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[int, float]:
-    """
-    Return the index of the star nearest to a unit vector and its squared chord.
-
-    -1 and infinity when none is within chord.
-    """
-    best, best_square = -1, np.inf
-    limit = chord * chord
-    first_x, last_x = _cells_about(grid, x, chord)
-    first_y, last_y = _cells_about(grid, y, chord)
-    first_z, last_z = _cells_about(grid, z, chord)
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
-            row = (i * grid.cells + j) * grid.cells
-            # The cells of a row are consecutive, and so are their stars.
-            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                star = grid.member[m]
-                dx = grid.direction[star, 0] - x
-                dy = grid.direction[star, 1] - y
-                dz = grid.direction[star, 2] - z
-                square = dx * dx + dy * dy + dz * dz
-                if square <= limit and square < best_square:
-                    best, best_square = star, square
-    return best, best_square
-
-
-@compiled
 def pairs_within(grid: SkyGrid, chord: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs i < j (P, 2) of stars within chord, and their squared chords (P,)."""
-    # In the order of the cells: the stars of a cell are then side by side in memory.
-    direction = grid.direction[grid.member]
-    count = 0
-    pairs, squares = np.empty((0, 2), np.int32), np.empty(0)
-    # The second pass stores what the first one has counted.
-    for stored in range(2):
-        if stored:
-            pairs, squares = np.empty((count, 2), np.int32), np.empty(count)
-        count = 0
-        for n in range(len(direction)):
-            count = _add_partners(grid, direction, n, chord, pairs, squares, count)
-    return pairs, squares
-
-
-@inlined
-def _add_partners(grid: SkyGrid, direction: np.ndarray, n: int, chord: float, pairs: np.ndarray,
-                  squares: np.ndarray, count: int) -> int:
-    """
-    Add the pairs of star member[n] with stars of a higher index to count others.
-
-    direction (N, 3) is in the order of grid.member. Return the number of pairs; those beyond the
-    end of pairs (P, 2) and squares (P,) are counted only.
-    """
-    limit = chord * chord
-    star = grid.member[n]
-    x, y, z = direction[n, 0], direction[n, 1], direction[n, 2]
-    first_x, last_x = _cells_about(grid, x, chord)
-    first_y, last_y = _cells_about(grid, y, chord)
-    first_z, last_z = _cells_about(grid, z, chord)
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
-            row = (i * grid.cells + j) * grid.cells
-            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                dx, dy, dz = direction[m, 0] - x, direction[m, 1] - y, direction[m, 2] - z
-                square = dx * dx + dy * dy + dz * dz
-                if square > limit or grid.member[m] <= star:
-                    continue
-                if count < len(squares):
-                    pairs[count, 0], pairs[count, 1] = star, grid.member[m]
-                    squares[count] = square
-                count += 1
-    return count
+    direction = np.ascontiguousarray(grid.direction, float)
+    start, member = (np.ascontiguousarray(array, np.int32) for array in (grid.start, grid.member))
+    count = np.zeros(1, np.uintp)
+    # The second call stores what the first one has counted.
+    for _ in range(2):
+        pairs, square = np.empty((count[0], 2), np.int32), np.empty(count[0])
+        native.call('st_pairs_within', direction, len(direction), start, member, grid.cells,
+                    chord, pairs, square, count)
+    return pairs, square
 
 
 def stars_near(grid: SkyGrid, center: np.ndarray, chord: float) -> np.ndarray:
@@ -171,58 +100,3 @@ def stars_near(grid: SkyGrid, center: np.ndarray, chord: float) -> np.ndarray:
         grid.start[row + first[2]], grid.start[row + last[2] + 1])])
     offset = grid.direction[star] - center
     return star[np.einsum('ij,ij->i', offset, offset) <= chord * chord]
-
-
-@compiled
-def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
-    """Return the number (M,) of stars within chord of each of the unit vectors (M, 3)."""
-    counts = np.zeros(len(centers), np.int64)
-    limit = chord * chord
-    for c in range(len(centers)):
-        x, y, z = centers[c, 0], centers[c, 1], centers[c, 2]
-        first_x, last_x = _cells_about(grid, x, chord)
-        first_y, last_y = _cells_about(grid, y, chord)
-        first_z, last_z = _cells_about(grid, z, chord)
-        for i in range(first_x, last_x + 1):
-            for j in range(first_y, last_y + 1):
-                row = (i * grid.cells + j) * grid.cells
-                for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                    star = grid.member[m]
-                    dx = grid.direction[star, 0] - x
-                    dy = grid.direction[star, 1] - y
-                    dz = grid.direction[star, 2] - z
-                    counts[c] += dx * dx + dy * dy + dz * dz <= limit
-    return counts
-
-
-@compiled
-def count_in_image(grid: SkyGrid, equidistant: bool, matrix: np.ndarray, chord: float,
-                   low_a: float, high_a: float, low_b: float, high_b: float,
-                   brightest: int) -> int:
-    """
-    Return how many of the brightest stars, the first ones of the catalogue, are in the field.
-
-    matrix (3, 3) rotates sensor vectors to the axes of the grid. The image spans low_a to high_a
-    and low_b to high_b in the coordinates of lens.plane_point(), within chord of its axis.
-    """
-    found = 0
-    direction = grid.direction
-    first_x, last_x = _cells_about(grid, matrix[0, 2], chord)
-    first_y, last_y = _cells_about(grid, matrix[1, 2], chord)
-    first_z, last_z = _cells_about(grid, matrix[2, 2], chord)
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
-            row = (i * grid.cells + j) * grid.cells
-            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                star = grid.member[m]
-                if star >= brightest:
-                    continue
-                # Scalars: a view of a row would cost more than the arithmetic.
-                x, y, z = direction[star, 0], direction[star, 1], direction[star, 2]
-                plane_a, plane_b = plane_point(
-                    equidistant, x * matrix[0, 0] + y * matrix[1, 0] + z * matrix[2, 0],
-                    x * matrix[0, 1] + y * matrix[1, 1] + z * matrix[2, 1],
-                    x * matrix[0, 2] + y * matrix[1, 2] + z * matrix[2, 2])
-                # NaN is in no range.
-                found += low_a <= plane_a <= high_a and low_b <= plane_b <= high_b
-    return found

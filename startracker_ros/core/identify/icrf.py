@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import estimate_attitude
-from startracker_ros.core.camera.lens import plane_points, rays
+from startracker_ros.core.camera.distortion import plane_points, rays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids

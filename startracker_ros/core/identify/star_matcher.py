@@ -14,7 +14,6 @@ import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.pairs import PairDatabase
@@ -74,6 +73,10 @@ class Found(NamedTuple):
     attitude: AttitudeEstimate | None = None
 
 
+Verified = tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]
+"""False alarm, focal ratio, stars (N,), residuals (N,) px and attitude of an st_verification."""
+
+
 class StarMatcher:
     """
     A tracker for lists of centroids of a camera, in memory of its own.
@@ -91,7 +94,7 @@ class StarMatcher:
         config['stages'] = IDENTIFIES
         for name, value in options.items():
             config['identification'][name] = value
-        self._tracker = NativeTracker(config, native_camera(camera), None, native_patterns(
+        self._tracker = NativeTracker(config, camera.native, None, native_patterns(
             onboard, rules, pairs, bright_pairs, bright))
         self._table = np.zeros((MOST_CENTROIDS, native.CENTROID.itemsize // 8))
         self._result = np.zeros((), native.IDENTIFICATION)
@@ -142,26 +145,36 @@ class StarMatcher:
         return found
 
     def verify(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
-               star: np.ndarray, tested: float
-               ) -> tuple[float, float, np.ndarray, np.ndarray, AttitudeEstimate | None]:
-        """Return false alarm, focal ratio, stars, residuals (N,) px, attitude of st_verify()."""
+               star: np.ndarray, tested: float) -> Verified:
+        """Return the result of st_verify()."""
         given, chosen = (np.ascontiguousarray(array, np.int32) for array in (base, star))
+        return self._verified('st_verify', direction, sigma_rad,
+                              (given, chosen, len(given), float(tested)))
+
+    def few_stars(self, direction: np.ndarray, sigma_rad: np.ndarray, table: np.ndarray,
+                  false_alarm_max: float, work_s: float) -> tuple[Verified, float]:
+        """Return the result of st_few_stars(), and its work in s."""
+        spent_s = np.empty(1)
+        return self._verified('st_few_stars', direction, sigma_rad,
+                              (table, false_alarm_max, work_s), (spent_s,)), float(spent_s[0])
+
+    def _verified(self, name: str, direction: np.ndarray, sigma_rad: np.ndarray,
+                  before: tuple[Any, ...], after: tuple[np.ndarray, ...] = ()) -> Verified:
+        """Return the verification of a function, with its arguments before and after that."""
         count = len(sigma_rad)
-        matched, residual_px, residual_rad = (
+        star, residual_px, residual_rad = (
             np.empty(count, np.int32), np.empty(count), np.empty(count))
         with self._uses:
             kept = self._set_stars(direction, sigma_rad)
-            self._tracker.call(
-                'st_verify', self._stars.ctypes.data, given.ctypes.data, chosen.ctypes.data,
-                len(given), tested, self._verification.ctypes.data, matched.ctypes.data,
-                residual_px.ctypes.data, residual_rad.ctypes.data)
+            native.call(name, self._tracker.handle, self._stars, *before, self._verification, star,
+                        residual_px, residual_rad, *after)
             del kept
             found = self._verification.copy()
         angles_rad = residual_rad[residual_rad >= 0]
         attitude = (replace(attitude_of(found['attitude']), stars=len(angles_rad),
                             residual_rad=angles_rad) if found['attitude']['valid'] else None)
         return (float(found['false_alarm_probability']), float(found['focal_ratio']),
-                matched.astype(int), residual_px, attitude)
+                star.astype(int), residual_px, attitude)
 
     def best_of_quads(self, direction: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                       star: np.ndarray, least_support: float, tested: float
@@ -197,9 +210,9 @@ def usable_stars(camera: Camera, centroids: Centroids, max_stars: int, sigma_flo
     table[:, :2], table[:, 4] = centroids.uv, centroids.sigma_px
     index, direction, sigma_rad = (
         np.empty(max_stars, np.int32), np.empty((max_stars, 3)), np.empty(max_stars))
-    lens, count = native_camera(camera), ctypes.c_size_t(max_stars)
+    count = ctypes.c_size_t(max_stars)
     native.check(native.library().st_usable_stars(
-        lens.ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
+        camera.native.ctypes.data, table.ctypes.data, order.ctypes.data, len(order),
         sigma_floor_px, index.ctypes.data, direction.ctypes.data, sigma_rad.ctypes.data,
         ctypes.byref(count)))
     chosen = slice(count.value)

@@ -15,7 +15,7 @@ import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.identify.star_matcher import Rules, StarMatcher
+from startracker_ros.core.identify.star_matcher import Rules, StarMatcher, Verified
 
 MAX_VERIFIED = 5
 """Candidates of one pattern that are verified, those with the most support."""
@@ -82,9 +82,20 @@ class Verifier:
         image (N, 3) and sigma_rad (N,) are those of all image stars; tested is the number of
         candidates so far.
         """
-        false_alarm, focal_ratio, found, residual_px, attitude = self._matcher.verify(
-            image, sigma_rad, base, star, tested)
-        return Match(found, residual_px, attitude, focal_ratio, false_alarm)
+        return _match(self._matcher.verify(image, sigma_rad, base, star, tested))
+
+    def few_stars(self, image: np.ndarray, sigma_rad: np.ndarray, table: np.ndarray,
+                  false_alarm_max: float, work_s: float) -> tuple[Match, float]:
+        """
+        Return the best of the triangles of a table among a few stars and many false spots.
+
+        image (N, 3) and sigma_rad (N,) are those of all image stars, table is an
+        st_triangle_table. The first one below false_alarm_max ends the search, or so much work;
+        the second result is what it took.
+        """
+        found, spent_s = self._matcher.few_stars(
+            image, sigma_rad, table, false_alarm_max, work_s)
+        return _match(found), spent_s
 
     def best_of_quads(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                       star: np.ndarray, least_support: float, tested: int) -> tuple[int, float]:
@@ -95,6 +106,11 @@ class Verifier:
         other image stars or less are rejected.
         """
         return self._matcher.best_of_quads(image, sigma_rad, base, star, least_support, tested)
+
+
+def _match(found: Verified) -> Match:
+    false_alarm, focal_ratio, star, residual_px, attitude = found
+    return Match(star, residual_px, attitude, focal_ratio, false_alarm)
 
 
 def same_attitude(star: np.ndarray, other: np.ndarray) -> bool:

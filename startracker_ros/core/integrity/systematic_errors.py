@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The covariance that systematic errors of the stars add to an attitude fitted to them: compiled.
+The covariance that systematic errors of the stars add to an attitude fitted to them.
 
 The attitude is fitted to stars with directions p on sensor axes and weights w = 1 / sigma^2. Its
 Fisher information is F = sum w (I - p p^T).
@@ -14,12 +14,9 @@ import numpy as np
 from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.attitude.error_budget import NO_ERROR
-from startracker_ros.core.attitude.estimate import cramer_rao
-from startracker_ros.core.attitude.refinement import information
+from startracker_ros.core.attitude.estimate import cramer_rao, information
 from startracker_ros.core.attitude.result import AttitudeEstimate
-from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
-from startracker_ros.core.maths.small_algebra import inverse
 
 
 def with_observer_error(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
@@ -33,8 +30,7 @@ def with_observer_error(attitude: AttitudeEstimate, observer: Observer, sensor: 
     if observer.velocity_sigma_m_s:
         attitude = replace(
             attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
-                observer.velocity_sigma_m_s, np.ascontiguousarray(sensor),
-                np.ascontiguousarray(sigma)))
+                observer.velocity_sigma_m_s, sensor, sigma))
     return replace(attitude, covariance_sensor=attitude.covariance_sensor + epoch_covariance(
         attitude.quaternion, observer.epoch_sigma_years, sensor, sigma, motion))
 
@@ -55,7 +51,6 @@ def epoch_covariance(quaternion: np.ndarray, sigma_years: float, sensor: np.ndar
     return sigma_years ** 2 * np.outer(turn, turn)
 
 
-@compiled
 def velocity_covariance(velocity_sigma_m_s: float, sensor: np.ndarray, sigma: np.ndarray
                         ) -> np.ndarray:
     """
@@ -66,12 +61,7 @@ def velocity_covariance(velocity_sigma_m_s: float, sensor: np.ndarray, sigma: np
     the axes across the boresight by v / c, about the boresight by some v / c times the angle of
     the field. The covariance of the turn is (sigma_v / c)^2 F^-1 (s^2 I - s s^T) F^-1.
     """
-    weight = 1 / sigma ** 2
-    s = np.zeros(3)
-    for i in range(len(weight)):
-        s += weight[i] * sensor[i]
-    F_inverse = inverse(information(sensor, weight))
-    across = -np.outer(s, s)
-    for k in range(3):
-        across[k, k] += s @ s
+    s = sigma ** -2.0 @ sensor
+    F_inverse = np.linalg.inv(information(sensor, sigma))
+    across = s @ s * np.eye(3) - np.outer(s, s)
     return (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2 * (F_inverse @ across @ F_inverse)

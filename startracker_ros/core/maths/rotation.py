@@ -9,6 +9,7 @@ q_icrf_from_sensor rotates sensor-frame vectors into ICRF: v_icrf = R(q) v_senso
 The sensor frame is optical: x right, y down, z along the boresight out of the lens.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 
 # --- formulas of unit quaternions x, y, z, w (Hamilton): a number or an array per component ---
 #
-# The same functions serve arrays here and single rotations in compiled_rotation.py.
+# The same functions serve arrays and single rotations.
 
 Components = tuple[Any, Any, Any, Any]
 
@@ -29,15 +30,6 @@ def product(a: Any, b: Any) -> Components:
             aw * by - ax * bz + ay * bw + az * bx,
             aw * bz + ax * by - ay * bx + az * bw,
             aw * bw - ax * bx - ay * by - az * bz)
-
-
-def from_rotation_vector(rotation: Any) -> Components:
-    """Return q = [v sin(a / 2) / a, cos(a / 2)] of a rotation vector v of length a in rad."""
-    x, y, z = rotation
-    half = np.sqrt(x * x + y * y + z * z) / 2
-    # sinc keeps the limit of sin(a / 2) / a at zero.
-    scale = np.sinc(half / np.pi) / 2
-    return x * scale, y * scale, z * scale, np.cos(half)
 
 
 def matrix_rows(q: Any) -> tuple[tuple[Any, Any, Any], ...]:
@@ -110,16 +102,32 @@ def rotate(q: np.ndarray, vectors: ArrayLike) -> np.ndarray:
 
 
 def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
-    """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
+    """
+    Return quaternions (..., 4) of rotation vectors (..., 3) in rad.
+
+    q = [v sin(a / 2) / a, cos(a / 2)] of a vector v of length a.
+    """
     rotation = np.asarray(rotation, float)
     if rotation.ndim == 1:
-        return np.array(from_rotation_vector(rotation.tolist()))
-    return np.stack(from_rotation_vector(np.moveaxis(rotation, -1, 0)), -1)
+        x, y, z = rotation.tolist()
+        half = math.sqrt(x * x + y * y + z * z) / 2
+        # The limit of sin(a / 2) / a at zero.
+        scale = np.sin(half) / (2 * half) if half > 0 else 0.5
+        return np.array((x * scale, y * scale, z * scale, np.cos(half)))
+    half = np.sqrt(np.sum(rotation ** 2, -1, keepdims=True)) / 2
+    scale = np.full_like(half, 0.5)
+    np.divide(np.sin(half), 2 * half, out=scale, where=half > 0)
+    return np.concatenate([rotation * scale, np.cos(half)], -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
     """Return rotation vectors (..., 3) in rad, length at most pi, of quaternions (..., 4)."""
     q = np.asarray(q, float)
+    if q.ndim == 1:
+        x, y, z, w = (-q if q[3] < 0 else q).tolist()
+        sine = math.sqrt(x * x + y * y + z * z)
+        scale = 2 * math.atan2(sine, w) / sine if sine > 0 else 2.0
+        return np.array((x * scale, y * scale, z * scale))
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., 3:])
@@ -135,6 +143,18 @@ def attitude_error(q_estimate: np.ndarray, q_truth: np.ndarray) -> np.ndarray:
     R(estimate) = R(truth) exp([error]x): x and y are cross-boresight, z is roll.
     """
     return rotation_vector_from_quaternion(multiply(conjugate(q_truth), q_estimate))
+
+
+def turned(q: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return a quaternion (4,) after a turn by a rotation vector (3,) rad about sensor axes."""
+    after = multiply(q, quaternion_from_rotation_vector(rotation))
+    return after / np.sqrt(after @ after)
+
+
+def mean_attitude(attitudes: np.ndarray) -> np.ndarray:
+    """Return the mean (4,) of attitudes (K, 4) that are near each other, about the middle one."""
+    middle = attitudes[len(attitudes) // 2]
+    return turned(middle, attitude_error(attitudes, middle).mean(0))
 
 
 def sign_continuous(q: np.ndarray, previous: np.ndarray | None) -> np.ndarray:

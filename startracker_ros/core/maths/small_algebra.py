@@ -8,13 +8,6 @@ from startracker_ros.core.compiled import compiled
 
 
 @compiled
-def cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float
-          ) -> tuple[float, float, float]:
-    """Return a x b."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@compiled
 def adjugate(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
              ) -> tuple[float, float, float, float, float, float]:
     """Return the elements xx, xy, xz, yy, yz, zz of adj(A) = det(A) A^-1, A symmetric."""
@@ -29,18 +22,3 @@ def inverse(A: np.ndarray) -> np.ndarray:
     scale = 1 / (A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz)
     return np.array(((xx * scale, xy * scale, xz * scale), (xy * scale, yy * scale, yz * scale),
                      (xz * scale, yz * scale, zz * scale)))
-
-
-@compiled
-def determinant(A: np.ndarray) -> float:
-    """Return the determinant of the upper left block of A."""
-    xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]
-    return A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz
-
-
-@compiled
-def is_positive_definite(A: np.ndarray) -> bool:
-    """Return whether the leading minors of the upper left block of A are positive (Sylvester)."""
-    xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]
-    return (A[0, 0] > 0 and A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1] > 0
-            and A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz > 0)

@@ -17,7 +17,7 @@ from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
-from startracker_ros.core.attitude.solution import davenport
+from scipy.spatial.transform import Rotation
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog
@@ -27,7 +27,7 @@ from startracker_ros.core.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.identify.verification import MAX_VERIFIED, Verifier
-from startracker_ros.core.maths.rotation import angle_between, matrix_from_quaternion, rotate
+from startracker_ros.core.maths.rotation import angle_between, rotate
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
@@ -222,8 +222,8 @@ def full_field_match(onboard: OnboardCatalog, radius_rad: float, tolerance_sigma
     scale_error.
     """
     corner = onboard.direction[star]
-    coarse, _ = davenport(image[base], corner, np.full(len(base), 1 / len(base)))
-    near = onboard.within(matrix_from_quaternion(coarse)[:, 2], radius_rad)
+    coarse = Rotation.align_vectors(corner, image[base])[0].as_matrix()
+    near = onboard.within(coarse[:, 2], radius_rad)
     seen = angle_between(image[:, None], image[base])
     true = angle_between(onboard.direction[near][:, None], corner)
     reach = (tolerance_sigmas * np.hypot(sigma_rad[:, None], sigma_rad[base])

@@ -15,10 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.distortion import (
-    EQUIDISTANT, MODELS, PLUMB_BOB, RATIONAL, terms_of)
-from startracker_ros.core.camera.lens import farthest_angle, Lens, rays, undistorted
-from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.camera.distortion import EQUIDISTANT, MODELS, PLUMB_BOB, RATIONAL
+from startracker_ros.core.camera.model import Camera, CameraError, native_camera, unproject
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, quaternion_from_rotation_vector, radec_from_unit, unit_from_radec)
 
@@ -195,9 +193,7 @@ def _native_directions(header: dict[str, str], pixels: np.ndarray) -> np.ndarray
     if radial is None:
         direction = np.column_stack([plane, np.ones(len(plane))])
         return direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    terms = terms_of(EQUIDISTANT, radial)
-    lens = Lens(1, 1, 1.0, 1.0, 0.0, 0.0, terms, True, True, farthest_angle(True, terms))
-    return rays(True, undistorted(lens, plane))
+    return unproject(native_camera((1, 1), (1.0, 1.0), (0.0, 0.0), radial, EQUIDISTANT), plane)
 
 
 def _reference_px(header: dict[str, str]) -> np.ndarray:

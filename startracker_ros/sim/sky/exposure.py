@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.compiled_rotation import rotation_between
-from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.shake import ShakenMotion, uneven_instants
 from startracker_ros.sim.sky.sources import LightSources
@@ -73,7 +72,7 @@ def _turn_in(motion: Motion, q: np.ndarray, time_s: float, reach_s: float
     """Return what gives the turn (N, 3) from q at a time, at delays (N,) of up to reach_s."""
     def turns(shares: np.ndarray) -> Any:
         return np.array([
-            rotation_between(q, motion.at(time_s + share * reach_s).q_icrf_from_sensor)
+            attitude_error(motion.at(time_s + share * reach_s).q_icrf_from_sensor, q)
             for share in shares])
     coefficients = np.polynomial.chebyshev.chebinterpolate(turns, _ROW_ATTITUDES - 1)
     return lambda delay_s: np.polynomial.chebyshev.chebval(delay_s / reach_s, coefficients).T

@@ -11,7 +11,7 @@ import numpy as np
 from startracker_ros.core.astro.constants import YEAR_S
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
-from startracker_ros.core.maths.compiled_rotation import mean_attitude, rotation_between
+from startracker_ros.core.maths.rotation import attitude_error, mean_attitude
 from startracker_ros.sim.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_debris, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
@@ -161,7 +161,7 @@ class SkySimulator:
         exposure_s = self._detector.options.exposure_s
         begin, end = (self._motion.at(time_s + half).q_icrf_from_sensor
                       for half in (-exposure_s / 2, exposure_s / 2))
-        return rotation_between(begin, end) / exposure_s
+        return attitude_error(end, begin) / exposure_s
 
     def _mean_pointing(self, time_s: float) -> np.ndarray:
         """Return q_icrf_from_sensor (4,) of the mean pointing of an exposure about a time."""

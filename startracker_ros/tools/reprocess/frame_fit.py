@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import native_camera
 
 
 class Stars(NamedTuple):
@@ -53,7 +52,7 @@ def fit_frame(camera: Camera, quaternion: np.ndarray, stars: Stars, uv: np.ndarr
     Weighted least squares about an attitude (4,); native/src/ground_frame_fit.cpp has the
     equations.
     """
-    lens, quaternion = native_camera(camera), np.array(quaternion, float)
+    lens, quaternion = camera.native, np.array(quaternion, float)
     columns = [np.ascontiguousarray(column, float) for column in stars[:3]]
     uv, sigma_px = (np.ascontiguousarray(column, float) for column in (uv, sigma_px))
     count = len(stars.uv)

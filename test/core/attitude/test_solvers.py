@@ -7,14 +7,15 @@ from itertools import permutations
 
 from directions import blurred, unit
 from hypothesis import given, settings, strategies as st
+from native_integrity import best_rotation
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from startracker_ros.core.attitude.estimate import (
     AttitudeError, cramer_rao, estimate_attitude, mean_chi2, SOLVERS)
-from startracker_ros.core.attitude.solution import davenport
-from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, multiply, rotate
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, attitude_error, multiply, quaternion_from_matrix, rotate)
 
 OPTIMAL = [name for name in SOLVERS if name != 'triad']
 HALF_TURNS = [np.array(q, float) for q in (
@@ -91,7 +92,8 @@ def test_the_optimal_ones_agree_on_directions_that_do_not_fit(count, narrow, see
         sensor, icrf = sensor * [0.1, 0.1, 0] + [0, 0, 1], icrf * [0.1, 0.1, 0] + [0, 0, 1]
     sigma_rad = 10 ** rng.uniform(-5, -4, count)
     weight = sigma_rad ** -2 / np.sum(sigma_rad ** -2)
-    q, gap = davenport(unit(sensor), unit(icrf), weight)
+    matrix, gap = best_rotation('davenport', unit(sensor), unit(icrf), weight, sigma_rad)
+    q = quaternion_from_matrix(matrix)
     for solver in ('quest', 'svd'):
         estimate = estimate_attitude(sensor, icrf, sigma_rad, solver)
         assert np.linalg.norm(attitude_error(estimate.quaternion, q)) * gap < 1e-13

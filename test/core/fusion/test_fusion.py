@@ -16,9 +16,8 @@ from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame, HeadState
 from startracker_ros.core.fusion.mounts import Mount, MountOptions
 from startracker_ros.core.fusion.options import FusionOptions
-from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
-    ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
+    ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, turned)
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)

@@ -6,8 +6,7 @@
 import numpy as np
 import pytest
 from startracker_evaluation.campaign.protection import exceedance, Field, probability_of
-from startracker_ros.core.integrity.protection import (
-    is_covariance, protection_level, ProtectionOptions)
+from startracker_ros.core.integrity.protection import protection_level, ProtectionOptions
 
 FIELD = Field.random(14, np.random.default_rng(3))
 
@@ -59,12 +58,3 @@ def test_there_is_no_bound_where_every_star_is_needed():
            for name, value in FIELD.arguments(np.zeros(14)).items()}
     assert np.isinf(protection_level(**two)).all()
     assert np.isinf(level(ProtectionOptions(false_star_probability=0.01))).all()
-
-
-def test_matrices_that_are_no_covariance():
-    good = np.diag([1e-12, 1e-12, 1e-10])
-    assert is_covariance(good)
-    for bad in (np.diag([1e-12, -1e-12, 1e-10]), np.diag([1e-12, np.nan, 1e-10]),
-                good + [[0, 1e-11, 0], [1e-11, 0, 0], [0, 0, 0]],
-                good + [[0, 1e-13, 0], [0, 0, 0], [0, 0, 0]], np.zeros((3, 3))):
-        assert not is_covariance(bad)

@@ -87,3 +87,20 @@ def test_sign_continuity():
     q = np.array([0.1, 0.2, 0.3, -0.9]) / np.linalg.norm([0.1, 0.2, 0.3, -0.9])
     assert rotation.sign_continuous(q, None)[3] > 0
     np.testing.assert_array_equal(rotation.sign_continuous(-q, q), q)
+
+
+def test_a_turn_about_sensor_axes_and_a_mean():
+    turn = np.array([0.1, -0.2, 0.3])
+    for start in (*Rotation.random(50, random_state=np.random.default_rng(2)),
+                  *Rotation.from_rotvec(np.pi * np.eye(3))):
+        q = rotation.turned(start.as_quat(), turn)
+        expected = (start * Rotation.from_rotvec(turn)).as_matrix()
+        np.testing.assert_allclose(rotation.matrix_from_quaternion(q), expected, atol=1e-14)
+        # Half turns about an axis leave each of its branches nearly singular.
+        again = rotation.quaternion_from_matrix(start.as_matrix())
+        assert again[3] >= 0
+        np.testing.assert_allclose(rotation.matrix_from_quaternion(again), start.as_matrix(),
+                                   atol=1e-12)
+    around = np.array([rotation.turned(q, sign * turn) for sign in (-1, 0, 1)])
+    np.testing.assert_allclose(rotation.attitude_error(rotation.mean_attitude(around), q), 0,
+                               atol=1e-12)

@@ -8,8 +8,7 @@ import pytest
 from skies import CAMERA, onboard_stars
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.centroid.synthetic_field import star_list
-from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.maths.rotation import attitude_error, turned
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 from startracker_ros.core.track.tracks import Hint
 
