@@ -5,11 +5,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
-
-OLDEST_NUMBA = 0, 61
-"""With NumPy 1.26 earlier ones end a program at random: TypeError, can't unbox array."""
 
 OLDEST_MATPLOTLIB = 3, 7
 """Earlier ones have no place for the legend outside of the axes."""
@@ -35,20 +31,6 @@ EXTRAS = {
 
 class MissingLibraryError(RuntimeError):
     """A library is not installed or too old; the text says how to install it."""
-
-
-def check_numba() -> None:
-    """Raise MissingLibraryError where numba is missing or too old."""
-    oldest = '.'.join(map(str, OLDEST_NUMBA))
-    remedy = f"pip install 'numba>={oldest}', into a virtual environment where it is of Debian"
-    try:
-        found = version('numba')
-    except PackageNotFoundError as error:
-        raise MissingLibraryError(f'numba is not installed: {remedy}') from error
-    major, minor = found.split('.')[:2]
-    if (int(major), int(minor)) < OLDEST_NUMBA:
-        raise MissingLibraryError(
-            f'numba {found} is too old and would fail at random: {remedy}')
 
 
 def install_hint(name: str, libraries: Sequence[str] = (), folder: str = '.') -> str:
