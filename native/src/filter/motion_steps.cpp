@@ -211,7 +211,7 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
     for (int j = 0; j < MODES; ++j) {
         attitude[j] = before.quaternion;
         if (weight[j] == 0) {
-            logs[j] = -INFINITY;
+            logs[j] = -HUGE_VAL;
             continue;
         }
         const Mode &mode = MODE[j];

@@ -76,7 +76,8 @@ void miss(Track &track) {
 }
 
 bool is_kept(const Track &track, bool crowded, double most_missed) {
-    return !crowded && track.missed <= (track.confirmed ? most_missed : track.age / 2);
+    return !crowded &&
+           (track.confirmed ? track.missed <= most_missed : track.missed <= track.age / 2);
 }
 
 void confirm(Track &track, int confirm_frames) {

@@ -193,7 +193,7 @@ void fill_turn(const AttitudeState &predicted, const Sums &sums, Correction &cor
         }
         set_block(moved, 3 * power, 0, late.information);
     }
-    double determinant;
+    double determinant = 0.0;
     correction.by_acceleration = solved_by_pivots(measured.information, moved, determinant);
     correction.turn =
         correction.turn - lever * (correction.state.rate_rad_s - predicted.rate_rad_s);

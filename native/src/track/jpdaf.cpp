@@ -85,12 +85,13 @@ public:
 
     double node(int index) const {
         double low = 0.0, high = 4.0 * nodes_ + 2 * alpha_ + 6;
+        double middle = (low + high) / 2;
         // As far as double precision goes.
-        for (double middle = (low + high) / 2; low < middle && middle < high;
-             middle = (low + high) / 2) {
+        while (low < middle && middle < high) {
             (eigenvalues_below(middle) > index ? high : low) = middle;
+            middle = (low + high) / 2;
         }
-        return (low + high) / 2;
+        return middle;
     }
 
     double log_weight(double x) const {
@@ -153,7 +154,7 @@ void diffuse(const DetectionModel &detection, double gates_px2, Association &ass
     std::copy_n(association.pairing.item, pairs, density);
     std::fill_n(missed, n, 0.0);
     std::fill_n(found, pairs, 0.0);
-    double largest = -INFINITY, total = 0.0;
+    double largest = -HUGE_VAL, total = 0.0;
     int left_out = 0;
     for (int node = 0; node < most / 2 + 1; ++node) {
         const double x = rule.node(node);

@@ -426,7 +426,7 @@ st_reason TrackFilter::contradiction_in(const FrameUpdate &update, Arena &arena)
 }
 
 double TrackFilter::faintest_detected() const {
-    double faintest = -INFINITY;
+    double faintest = -HUGE_VAL;
     for (const Track &track : bank()) {
         if (track.is_detected()) {
             faintest = std::fmax(faintest, sky_->file->magnitude[track.star]);
@@ -539,7 +539,7 @@ void TrackFilter::resume(int64_t stamp_ns, const CentroidFrame &frame, Arena &ar
                         identified_, misfit, arena)) {
         return;
     }
-    double faintest = -INFINITY;
+    double faintest = -HUGE_VAL;
     for (const int32_t star : identified_.star) {
         faintest = std::fmax(faintest, sky_->file->magnitude[star]);
     }
