@@ -1,19 +1,16 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Libraries that may be missing or too old, and what to install."""
+"""Libraries that may be missing, and what to install."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-OLDEST_MATPLOTLIB = 3, 7
-"""Earlier ones have no place for the legend outside of the axes."""
-
 # setup.py runs this file for them.
 EXTRAS = {
     # Pictures, and the page of `startracker report`.
-    'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
+    'report': ['Jinja2>=3.1', 'matplotlib>=3.6'],
     # Campaigns on a cluster, --scheduler, and bags at URLs.
     'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
     'parquet': ['pyarrow>=14.0'],
@@ -30,7 +27,7 @@ EXTRAS = {
 
 
 class MissingLibraryError(RuntimeError):
-    """A library is not installed or too old; the text says how to install it."""
+    """A library is not installed; the text says how to install it."""
 
 
 def install_hint(name: str, libraries: Sequence[str] = (), folder: str = '.') -> str:
@@ -76,10 +73,5 @@ PAGE_IN = 10.0
 def new_figure(**options: Any) -> Any:
     """Return a matplotlib Figure, which saves PNG files without pyplot and without a display."""
     with extra('report', 'matplotlib', 'A picture'):
-        import matplotlib
         from matplotlib.figure import Figure
-    if matplotlib.__version_info__ < OLDEST_MATPLOTLIB:
-        raise MissingLibraryError(
-            f'A picture needs matplotlib {".".join(map(str, OLDEST_MATPLOTLIB))} or later, not '
-            f'{matplotlib.__version__}: {install_hint("report")}')
     return Figure(layout='constrained', **options)

@@ -97,8 +97,7 @@ def test_docker_image_and_workflow_install_what_has_no_rosdep_key():
     for path in ('docs/examples/Dockerfile', '.github/workflows/ros.yaml'):
         text = (SOURCE / path).read_text().replace('\\\n', '')
         installed, = re.findall('--break-system-packages (.*)', text)
-        # That of Noble is too old.
-        assert installed.split() == [*needed.split(', '), "'matplotlib>=3.7'"], path
+        assert installed.split() == needed.split(', '), path
 
 
 def test_the_workflow_runs_what_there_is():

@@ -473,8 +473,7 @@ def draw_times(found: dict[tuple[str, float], Outcomes], slow: SlowPeer, folder:
     over.plot(limits, [found[method, limit].mean_ms('pyramid') for limit in limits], '^:',
               label='Pyramid, frames of segment')
     over.set(xlabel='magnitude limit', ylabel='time of a direction, ms', yscale='log')
-    figure.legend(*over.get_legend_handles_labels(), loc='outside upper center',
-                  ncols=3)
+    over.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=3)
     bars.bar(list(slow.time_ms), list(slow.time_ms.values()))
     bars.set(ylabel='time of a field, ms', yscale='log', title=f'20 deg, V {SLOW_CELL:g}')
     for axis in (over, bars):
