@@ -17,8 +17,8 @@ PIP_INSTALL := $(CURDIR)/$(VENV)/bin/python -m pip install -q --disable-pip-vers
 # Leftovers of a sourced ROS 2 or of another venv must not meet the wheels of this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
 unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
-# pip leaves byte code to the first use. Without any each process would translate NumPy, SciPy and
-# numba again: two seconds of a processor.
+# pip leaves byte code to the first use. Without any each process would translate NumPy and SciPy
+# again: two seconds of a processor.
 unexport PYTHONDONTWRITEBYTECODE
 
 # Folders are among them, so that a deleted file counts as a change.
@@ -70,7 +70,6 @@ test-newest: .venv-newest/package
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt -r requirements-jazzy.txt
 	@$(call WITH_COMPILER,.venv-$*/bin/python)
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation $(PACKAGES)
-	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m startracker_ros.warm_up --install
 	@touch $@
 
 # launch_testing and the commands of ROS 2 on a full install, which is sourced; says what it leaves out.
@@ -137,12 +136,11 @@ $(VENV)/s3: $(VENV)/requirements requirements-s3.txt
 
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 $(VENV)/package: $(VENV)/requirements $(SOURCES)
-	@echo '== package: installs it, then compiles its functions for this machine: a minute or two of processor time, once for the same sources'
+	@echo '== package: builds its native core and installs it'
 	@rm -rf build/lib* evaluation/build
 	@$(call WITH_COMPILER,$(RUN))
 	@$(RUN) native/build.py -o build/native/libstartracker.so
 	$(PIP_INSTALL) --no-deps --no-build-isolation $(PACKAGES)
-	@$(RUN) -m startracker_ros.warm_up --install
 	@touch $@
 	@echo "== package: $(VENV) has $$(du -sh $(VENV) | cut -f 1)"
 

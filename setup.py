@@ -117,7 +117,7 @@ setup(
     license_files=['LICENSE', 'NOTICE', 'startracker_ros/**/LICENSE'],
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'signatures.json'],
+    package_data={PACKAGE: ['py.typed'],
                   f'{PACKAGE}.core.catalog': ['*.npz', '*.txt', 'LICENSE'],
                   f'{PACKAGE}.tools.datasheet': ['*.j2'],
                   f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js'],
@@ -137,7 +137,7 @@ setup(
     # The oldest versions, which requirements-oldest.txt tests; the newest are requirements.txt.
     install_requires=[
         'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3',
-        'numba>=0.61', 'numpy>=1.26', 'opencv-python-headless>=4.6', 'pillow>=10.0',
+        'numpy>=1.26', 'opencv-python-headless>=4.6', 'pillow>=10.0',
         'psutil>=5.9', 'pyerfa>=2.0',
         'PyYAML>=6.0', 'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={

@@ -8,12 +8,10 @@ from concurrent.futures import Future
 import gc
 from importlib import import_module
 from importlib.util import find_spec
-import json
 import os
 from pathlib import Path
 import pickle
 import signal
-import tempfile
 from types import ModuleType
 from typing import Any
 
@@ -48,7 +46,6 @@ KINDS = {
     'nodes/test_two_satellite_demo.py': 'slow',
     'package/test_install.py': 'slow',
     'package/test_lint.py': 'slow',
-    'test_compiled.py': 'slow',
 }
 # Those that take longest, first: with several workers none is left alone with one of them.
 LONGEST = (
@@ -68,7 +65,6 @@ LONGEST = (
     'nodes/test_false_lists.py',
     'nodes/test_fisheye_nodes.py',
     'package/test_install.py',
-    'test_compiled.py',
     'nodes/test_replay.py',
     'evaluation/campaign/test_quad_campaign.py',
     'evaluation/campaign/test_papers_campaign.py',
@@ -101,8 +97,6 @@ LONGEST = (
     'tools/reprocess/test_reprocess.py',
 )
 NOT_RUN = pytest.StashKey[str]()
-COMPILED = pytest.StashKey[str]()
-LOG = 'STARTRACKER_COMPILED_LOG'
 
 
 # By the fixture that needs it: whether it is there, and how to get it.
@@ -212,26 +206,8 @@ def pytest_collection() -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let all processes of the tests log the calls that nothing has compiled beforehand."""
-    # A shell starts `make test &` with Ctrl-C ignored, which processes inherit.
+    """Take Ctrl-C: a shell starts `make test &` with it ignored, which processes inherit."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    if LOG not in os.environ:
-        config.stash[COMPILED] = os.environ[LOG] = tempfile.mkstemp(suffix='_compiled.log')[1]
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail if the package has compiled anything when it was called: a node would stand still."""
-    path = session.config.stash.get(COMPILED, '')
-    if not path:
-        return
-    if not Path(path).stat().st_size:
-        Path(path).unlink()
-        return
-    session.exitstatus = pytest.ExitCode.TESTS_FAILED
-    session.config.stash[NOT_RUN] = (
-        'compiled at its first call, not beforehand: '
-        f'{sorted({json.loads(line)[0] for line in Path(path).read_text().splitlines()})}; '
-        f'register it: python -m startracker_ros.warm_up --add {path}')
 
 
 @pytest.hookimpl(optionalhook=True)

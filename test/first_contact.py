@@ -29,7 +29,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 LIMIT_S = 7200
 # What a run leaves out: caches and settings of whoever runs this.
-LEFT_OUT = {'XDG_CACHE_HOME', 'NUMBA_CACHE_DIR', 'PYTHONPATH', 'STARTRACKER_COMPILED_LOG'}
+LEFT_OUT = {'XDG_CACHE_HOME', 'PYTHONPATH'}
 FIGURES = re.compile(
     r'^│ (frames with attitude|later frames without attitude, no reason|wrong attitudes|'
     r'process start to first attitude) +│ +([\d.]+)|(\d+) passed', re.MULTILINE)

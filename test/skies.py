@@ -12,6 +12,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.rotation import conjugate, quaternion_from_pointing, rotate
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 """The default of the simulator."""
@@ -40,3 +41,13 @@ def onboard_stars(camera: Camera, epoch_year: float, magnitude_limit: float = in
                   ) -> OnboardCatalog:
     """Return the on-board catalogue of a camera."""
     return onboard_catalog(load_catalog(), camera, epoch_year, magnitude_limit)
+
+
+def synthetic_field(onboard: OnboardCatalog, camera: Camera) -> tuple[Centroids, np.ndarray]:
+    """Return the exact centroids of the stars that a camera sees in Orion, and their hip (N,)."""
+    q = quaternion_from_pointing(*np.radians([84.0, 0.0, 30.0]))
+    star = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), onboard.direction[star]))
+    seen = camera.contains(uv)
+    star, uv = star[seen], uv[seen]
+    return frame(uv, 1e6 * 10 ** (-0.4 * onboard.magnitude[star])), onboard.hip[star]

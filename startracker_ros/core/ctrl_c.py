@@ -5,10 +5,9 @@
 Ctrl-C of a command: it ends at once, whatever it is doing.
 
 Python calls the handler of a signal between two of its instructions: not before a compiled
-function has returned. An exception of it comes in the midst of a library, as a SystemError of
-numba. So a thread ends the process. It can run while no other one holds the lock of the
-interpreter: compiled functions release it (compiled.py). What has to be closed in order has an
-exception all the same.
+function has returned. So a thread ends the process. It can run while no other one holds the lock
+of the interpreter: the native core releases it. What has to be closed in order has an exception
+all the same.
 """
 
 import atexit

@@ -1,23 +1,16 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Libraries that may be missing or too old, and what to install."""
+"""Libraries that may be missing, and what to install."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
-
-OLDEST_NUMBA = 0, 61
-"""With NumPy 1.26 earlier ones end a program at random: TypeError, can't unbox array."""
-
-OLDEST_MATPLOTLIB = 3, 7
-"""Earlier ones have no place for the legend outside of the axes."""
 
 # setup.py runs this file for them.
 EXTRAS = {
     # Pictures, and the page of `startracker report`.
-    'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
+    'report': ['Jinja2>=3.1', 'matplotlib>=3.6'],
     # Campaigns on a cluster, --scheduler, and bags at URLs.
     'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
     'parquet': ['pyarrow>=14.0'],
@@ -34,21 +27,7 @@ EXTRAS = {
 
 
 class MissingLibraryError(RuntimeError):
-    """A library is not installed or too old; the text says how to install it."""
-
-
-def check_numba() -> None:
-    """Raise MissingLibraryError where numba is missing or too old."""
-    oldest = '.'.join(map(str, OLDEST_NUMBA))
-    remedy = f"pip install 'numba>={oldest}', into a virtual environment where it is of Debian"
-    try:
-        found = version('numba')
-    except PackageNotFoundError as error:
-        raise MissingLibraryError(f'numba is not installed: {remedy}') from error
-    major, minor = found.split('.')[:2]
-    if (int(major), int(minor)) < OLDEST_NUMBA:
-        raise MissingLibraryError(
-            f'numba {found} is too old and would fail at random: {remedy}')
+    """A library is not installed; the text says how to install it."""
 
 
 def install_hint(name: str, libraries: Sequence[str] = (), folder: str = '.') -> str:
@@ -94,10 +73,5 @@ PAGE_IN = 10.0
 def new_figure(**options: Any) -> Any:
     """Return a matplotlib Figure, which saves PNG files without pyplot and without a display."""
     with extra('report', 'matplotlib', 'A picture'):
-        import matplotlib
         from matplotlib.figure import Figure
-    if matplotlib.__version_info__ < OLDEST_MATPLOTLIB:
-        raise MissingLibraryError(
-            f'A picture needs matplotlib {".".join(map(str, OLDEST_MATPLOTLIB))} or later, not '
-            f'{matplotlib.__version__}: {install_hint("report")}')
     return Figure(layout='constrained', **options)

@@ -21,14 +21,6 @@ CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
 CACHE_MB = 500.0
 """Its default. A search of all fields of view has 580 MB of databases, a camera up to 170 MB."""
 
-COMPILED_CODE = 'compiled_code'
-"""Name of the folder in it with machine code: of one version 6 MB, which databases leave room."""
-
-_CODE_SHARE = 0.1
-
-LOCK = 'lock'
-"""Name of a file that is never deleted: processes wait for each other by it."""
-
 
 def cache_folder() -> Path:
     """Return the package's folder in the user's cache; XDG_CACHE_HOME is respected."""
@@ -56,7 +48,7 @@ def cached_files(folder: Path) -> list[tuple[Path, int]]:
         # Another process may delete one meanwhile.
         with suppress(FileNotFoundError):
             status = file.stat()
-            if file.name != LOCK and not file.is_dir():
+            if not file.is_dir():
                 found.append((status.st_atime_ns, file, status.st_size))
     return [(file, size) for _, file, size in sorted(found, reverse=True)]
 
@@ -74,18 +66,14 @@ def limit_cache(first: Iterable[Path] = (), uncounted: Collection[Path] = ()) ->
 
     first are the last to go, in this order; uncounted files stay whatever there is.
     """
-    most, sizes = most_cache_bytes(), dict(cached_files(cache_folder()))
-    code = [file for file in sizes if file.parent.name == COMPILED_CODE]
-    databases = [*first, *(file for file in sizes if file not in code)]
-    for files, share in (code, _CODE_SHARE), (databases, 1 - _CODE_SHARE):
-        room = share * most
-        for file in dict.fromkeys(one for one in files if one not in uncounted):
-            if sizes.get(file, 0) <= room:
-                room -= sizes.get(file, 0)
-                continue
-            # In the folder of another user none can be deleted.
-            with suppress(OSError):
-                file.unlink()
+    room, sizes = most_cache_bytes(), dict(cached_files(cache_folder()))
+    for file in dict.fromkeys(one for one in (*first, *sizes) if one not in uncounted):
+        if sizes.get(file, 0) <= room:
+            room -= sizes.get(file, 0)
+            continue
+        # In the folder of another user none can be deleted.
+        with suppress(OSError):
+            file.unlink()
 
 
 @contextmanager

@@ -6,7 +6,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from itertools import chain, count, islice
 from pathlib import Path
 import sys
@@ -25,7 +25,6 @@ from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
-from startracker_ros.core.machine_code_cache import load_imported
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import is_wcs, load_camera
@@ -283,7 +282,6 @@ class Solvers:
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
                bodies: Bodies, place: Place | None) -> tuple[Solution, np.ndarray]:
-        _load_code()
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg
@@ -303,12 +301,6 @@ class Solvers:
             # A new extractor, so that no image depends on those before.
             solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
         return solution, 1e3 * (_clocks_s() - start_s)
-
-
-@cache
-def _load_code() -> None:
-    """Load what is compiled, once, so that it counts in the time of no image."""
-    load_imported()
 
 
 def _clocks_s() -> np.ndarray:

@@ -25,7 +25,6 @@ from startracker_ros.ros.memory import return_free_memory
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 
-EARLY = 'camera_info before ready'
 """Counts camera_info of the time in which the code is loaded."""
 
 CAMERA = 'camera'
@@ -127,10 +126,9 @@ class CameraNode(PipelineNode):
     A message is in order when its stamp is newer than the last one of its topic. A jump
     back of more than RESTART_NS is a restarted simulation or a looped bag: state is lost, once
     for all topics. Messages from before the restart may still be in the queues of other topics.
-    The code is loaded, or compiled, in a thread before the node subscribes to its source: a
-    source that waits for subscribers loses no frame, and diagnostics continue meanwhile.
-    What depends on the camera is built in a thread, too. Messages wait for it, and for the first
-    camera_info, in the order of their arrival: of each topic as many as its queue holds.
+    What depends on the camera is built in a thread, so that diagnostics continue. Messages wait
+    for it, and for the first camera_info, in the order of their arrival: of each topic as many as
+    its queue holds.
 
     Subclasses set frame_topic, which has one message for each frame: its gaps and silence are
     reported, and follow_frame() takes the optical frame of the sensor from it. They override
@@ -152,10 +150,10 @@ class CameraNode(PipelineNode):
         self._topic_status = TopicStatus(self.get_clock())
         self.diagnostics.checks.append(self._check_silence)
 
-    def load(self) -> None:
+    def begin(self) -> None:
         if self.frame_topic:
             self.diagnostics.tasks[f'{self.frame_topic} topic status'] = self._topic_status.run
-        super().load()
+        super().begin()
 
     def activate(self) -> None:
         # The time without frames is no gap of the source.
@@ -176,7 +174,7 @@ class CameraNode(PipelineNode):
 
     @property
     def is_busy(self) -> bool:
-        return super().is_busy or is_building()
+        return is_building()
 
     def restart(self) -> None:
         """Forget the state and read the options, before anything is built for the camera."""
@@ -344,8 +342,6 @@ class CameraNode(PipelineNode):
             self._end_set_up()
             self._waits_for_camera = False
             raise
-        if not self.is_loaded:
-            self.diagnostics.counts[EARLY] += 1
         epoch = catalogue_epoch(ns_from_stamp(message.header.stamp),
                                 self.get_clock().now().nanoseconds)
         newest = self if self._setup is None else self._setup

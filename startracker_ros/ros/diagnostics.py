@@ -5,15 +5,12 @@
 
 from collections import Counter
 from collections.abc import Callable
-import math
 import re
-from threading import Event, Thread
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from startracker_ros.ros.parameters import declare_one
 from std_msgs.msg import Header
@@ -26,9 +23,6 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 _TICKS = 2
 _MAX_EVENTS = 5
 _NOTHING = 'nothing received yet'
-# The longest time without a report of a function that is compiled.
-_COMPILING_S = 0.9
-_COMPILING_POLL_S = 0.1
 # A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
 
@@ -77,10 +71,6 @@ class Diagnostics:
         self._held = False
         self._ticks = 0
         self._tick_s: float | None = None
-        self._compiling = ''
-        self._compiles = Event()
-        self._compiling_thread: Thread | None = None
-        self._published_s = -math.inf
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # The steady clock: diagnostics continue while simulated time is stopped.
         self._timer = node.create_timer(self._tick_period_s, self._tick, clock=Clock(
@@ -152,35 +142,6 @@ class Diagnostics:
         if self._ticks % _TICKS == 0:
             self.publish()
 
-    def say_compiling(self, name: str) -> None:
-        """
-        Report the function that is compiled, from any thread; '' for none any more.
-
-        A thread reports it, too, for the case that the executor waits for the function.
-        """
-        self._compiling = name
-        if not name:
-            self._compiles.clear()
-            return
-        self._compiles.set()
-        if self._compiling_thread is None:
-            self._compiling_thread = Thread(
-                target=self._report_compiling, name='compiling', daemon=True)
-            self._compiling_thread.start()
-
-    def _report_compiling(self) -> None:
-        while self._compiles.wait():
-            if time.monotonic() - self._published_s > _COMPILING_S:
-                try:
-                    self._publish({self._task: self._compiling_result()})
-                except rclpy_implementation.InvalidHandle:
-                    # The node has ended.
-                    return
-            time.sleep(_COMPILING_POLL_S)
-
-    def _compiling_result(self) -> TaskResult:
-        return WARN, f'compiling {self._compiling}', {**self.counts, **self.values}
-
     def publish(self) -> None:
         """Publish the worst condition and the events since the last time, counters, values."""
         for check in self.checks:
@@ -192,17 +153,11 @@ class Diagnostics:
             message = '; '.join(events if level == OK else [message, *events])
             level = max(level, WARN)
         results = {self._task: (level, message, {**self.counts, **self.values})}
-        if self._compiling and level != ERROR:
-            results[self._task] = self._compiling_result()
         for task, run in self.tasks.items():
             # It runs in any case, to begin its next window.
             task_level, task_message, values = run()
             results[task] = (*self._condition, {}) if self._held else (
                 task_level, task_message, values)
-        self._publish(results)
-
-    def _publish(self, results: dict[str, TaskResult]) -> None:
-        self._published_s = time.monotonic()
         self._publisher.publish(DiagnosticArray(
             header=Header(stamp=self._node.get_clock().now().to_msg()),
             status=[status_message(f'{self._node_name}: {task}', self._hardware_id, *result)

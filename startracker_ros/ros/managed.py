@@ -7,15 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import traceback
 
-from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 from startracker_ros.core.options import option, Options
-from startracker_ros.ros.messages.rclpy_internals import (
-    end_transition, intercept_change_state, lifecycle_state, start_transition)
+from startracker_ros.ros.messages.rclpy_internals import answer_change_state, lifecycle_state
 
 
 @dataclass(frozen=True)
@@ -38,18 +36,14 @@ class ManagedNode(LifecycleNode):
     Subclasses override configure(), activate(), deactivate() and cleanup(), which run within the
     transitions. configure() may raise StartError or ValueError: the node stays unconfigured.
     Another error returns the node to unconfigured by way of error processing.
-
-    The transition configure ends when the code of the node is loaded. Until then the state is
-    configuring, and the executor is free for everything else.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.configured = self.active = False
         self._failure: Exception | None = None
-        self._on_configured: Callable[[TransitionCallbackReturn], None] | None = None
         # The callback of rclpy 7.1.6 ends the process at a transition that the state has not.
-        intercept_change_state(self, self._on_change_state)
+        answer_change_state(self, self._on_change_state)
 
     def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Return a timer of the steady clock, which runs while simulated time is stopped."""
@@ -57,19 +51,6 @@ class ManagedNode(LifecycleNode):
 
     def configure(self) -> None:
         """Build what the node needs, out of its parameters."""
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether the code of the node is loaded; on_loaded() is called when it becomes so."""
-        return True
-
-    @property
-    def is_compiling(self) -> bool:
-        """Whether the code is compiled, which takes a minute, rather than loaded."""
-        return False
-
-    def prepare(self) -> None:
-        """Get ready for messages, as the last step of configure: the code is loaded."""
 
     def activate(self) -> None:
         """Begin to process."""
@@ -81,61 +62,25 @@ class ManagedNode(LifecycleNode):
         """Forget what configure() has built."""
 
     def on_state(self, label: str) -> None:
-        """React to a state that a service has set, or to the wait of configure for the code."""
+        """React to a state that a service has set."""
 
     def autostart(self) -> None:
         """Configure, then activate; raises what configure() or activate() raises."""
-        def activate(result: TransitionCallbackReturn) -> None:
-            self._raise_failure()
-            self.trigger_activate()
-            self._raise_failure()
-        self._start_configure(activate)
-
-    def on_loaded(self) -> None:
-        """End the transition configure if it waits for the code."""
-        if self._on_configured is not None:
-            self._end_configure(self._on_configured, self._do(self._rest))
-
-    def _start_configure(self, done: Callable[[TransitionCallbackReturn], None]) -> None:
-        """Configure and call done(result), now or when the code is loaded."""
-        start_transition(self, Transition.TRANSITION_CONFIGURE)
-        if self.is_compiling:
-            # configure() may need the code, and would stop the executor.
-            self._on_configured, self._rest = done, self._configure_and_prepare
-            self.on_state(self.state_label)
-            return
-        self._rest = self.prepare
-        result = self._do(self.configure)
-        if result == TransitionCallbackReturn.SUCCESS:
-            self.configured = True
-            if not self.is_loaded:
-                self._on_configured = done
-                self.on_state(self.state_label)
-                return
-            result = self._do(self.prepare)
-        self._end_configure(done, result)
-
-    def _configure_and_prepare(self) -> None:
-        self.configure()
-        self.prepare()
-
-    def _end_configure(self, done: Callable[[TransitionCallbackReturn], None],
-                       result: TransitionCallbackReturn) -> None:
-        self._on_configured = None
-        self.configured = result == TransitionCallbackReturn.SUCCESS
-        end_transition(self, result)
-        if result == TransitionCallbackReturn.ERROR:
-            end_transition(self, self.on_error(LifecycleState('configuring', 0)))
-        done(result)
-
-    def _raise_failure(self) -> None:
-        if self._failure is not None:
-            raise self._failure
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            trigger()
+            if self._failure is not None:
+                raise self._failure
 
     @property
     def state_label(self) -> str:
         """Return the state: unconfigured, inactive, active or finalized."""
         return lifecycle_state(self)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure."""
+        result = self._do(self.configure)
+        self.configured = result == TransitionCallbackReturn.SUCCESS
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate."""
@@ -189,28 +134,17 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_change_state(self, change_state: Callable, request: ChangeState.Request,
-                         response: ChangeState.Response,
-                         respond: Callable[[ChangeState.Response], None]) -> None:
+                         response: ChangeState.Response) -> ChangeState.Response:
         """Change the state; a transition that is not possible changes nothing."""
-        def finish(success: bool) -> None:
-            response.success = success
-            self._log_failure()
-            self.on_state(self.state_label)
-            respond(response)
         try:
-            if self._on_configured is not None:
-                # rcl would take a request for the result of the transition in progress.
-                response.success = False
-                respond(response)
-            elif _names_configure(request.transition):
-                self._start_configure(
-                    lambda result: finish(result == TransitionCallbackReturn.SUCCESS))
-            else:
-                finish(change_state(request, response).success)
+            change_state(request, response)
         except rclpy_implementation.RCLError:
             # rcl has logged the state and the transition.
             response.success = False
-            respond(response)
+        else:
+            self._log_failure()
+            self.on_state(self.state_label)
+        return response
 
     def _log_failure(self) -> None:
         error = self._failure
@@ -218,10 +152,3 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(str(error))
         elif error is not None:
             self.get_logger().error(''.join(traceback.format_exception(error)))
-
-
-def _names_configure(transition: Transition) -> bool:
-    """Return whether a request is for configure; a label counts before the number."""
-    if transition.label:
-        return transition.label == 'configure'
-    return transition.id == Transition.TRANSITION_CONFIGURE

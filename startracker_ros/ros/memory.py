@@ -6,7 +6,6 @@
 from contextlib import suppress
 import ctypes
 import fcntl
-import mmap
 import os
 from pathlib import Path
 import re
@@ -43,22 +42,14 @@ def choose_segment(sends_images: bool) -> None:
 
 def return_free_memory() -> None:
     """
-    Give back what was used to load code and to build.
+    Give back what was used to build.
 
     The environment of the nodes makes the C library keep the largest memory that a node has ever
-    used. LLVM, which has loaded the code, keeps most of its own 80 MB mapped.
+    used.
     """
-    library = ctypes.CDLL(None)
     # Of glibc only.
     with suppress(AttributeError):
-        library.malloc_trim(0)
-    # Code is never changed: where it is used all the same, it is mapped again from its file.
-    with suppress(OSError), open('/proc/self/maps') as mappings:
-        for mapping in mappings:
-            if ' r-xp ' in mapping and 'libllvmlite' in mapping:
-                begin, end = (int(address, 16) for address in mapping.split()[0].split('-'))
-                library.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin),
-                                mmap.MADV_DONTNEED)
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def remove_left_behind(folder: Path = _FOLDER) -> int:

@@ -26,7 +26,6 @@ from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.options import Options
 from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros import parameters, qos
-from startracker_ros.ros.code_loading import CodeLoading
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.executables import NODES, WRONG_USE
@@ -89,7 +88,6 @@ class PipelineNode(ManagedNode):
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
-        self.load()
         if self.options(LifecycleOptions).autostart:
             self.autostart()
         else:
@@ -97,46 +95,26 @@ class PipelineNode(ManagedNode):
         # Last: rclpy sets the parameters that the last callback has accepted.
         self.add_on_set_parameters_callback(self._on_change)
 
-    def load(self) -> None:
-        """Begin to load the code, in a thread."""
-        self._code = CodeLoading(self, self.diagnostics, self.warm_up, self.on_loaded)
-
-    def warm_up(self) -> None:
-        """Do what delays a first frame, in the thread, without anything of the node."""
-
-    @property
-    def is_loaded(self) -> bool:
-        return self._code.is_loaded
-
-    @property
-    def is_compiling(self) -> bool:
-        return self._code.is_compiling
-
     def configure(self) -> None:
         self.rebuild()
-
-    def prepare(self) -> None:
         if not self._prepared:
-            self._code.raise_error()
             self._prepared = True
             self.get_ready()
             self.get_logger().info('ready')
 
     def on_state(self, label: str) -> None:
-        if label in ('active', 'configuring'):
+        if label == 'active':
             self.diagnostics.release()
         else:
             self.diagnostics.hold(label)
-        if label == 'configuring':
-            self._code.report()
 
     def get_ready(self) -> None:
         """Get ready for messages, once, after the first rebuild()."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether a thread of the node loads code or builds."""
-        return hasattr(self, '_code') and self._code.is_running
+        """Whether a thread of the node builds or searches."""
+        return False
 
     def options(self, cls: type[Options]) -> Any:
         """Return the current options of one class."""
@@ -360,7 +338,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             node.destroy_node()
         rclpy.try_shutdown()
         if any(node.is_busy for node in nodes) and sys.exc_info()[0] is None:
-            # The end of the interpreter could free what the compiler in a thread is using.
+            # The end of the interpreter could free what a thread is using.
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code)

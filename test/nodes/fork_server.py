@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Node processes that are forked from one that has imported all nodes and loaded their code.
+Node processes that are forked from one that has imported all nodes.
 
 Each is a process of its own, with its own arguments, environment, DDS and end; only the two
 seconds of imports are spent once. `python fork_server.py DESCRIPTOR` is the server.
@@ -155,9 +155,8 @@ def _end_with_adopter(between: int) -> None:
 
 
 def _load() -> None:
-    """Import all nodes and load the code that they use."""
+    """Import all nodes, with what they use."""
     import cv2
-    from startracker_ros.core.machine_code_cache import load_imported
     from startracker_ros.ros.executables import EXECUTABLES
     for module in EXECUTABLES.values():
         import_module(module)
@@ -172,7 +171,6 @@ def _load() -> None:
     # idle, those of OpenCV would be waited for.
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
-    load_imported()
     cv2.setNumThreads(threads)
     assert threading.active_count() == 1
     gc.collect()

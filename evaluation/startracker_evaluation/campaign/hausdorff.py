@@ -18,7 +18,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import build_onboard_catalog, onboard_catalog
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import star_list, synthetic_field
+from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.identify.identification import (
     Candidates, FieldStars, IdentificationOptions)
@@ -259,10 +259,12 @@ def five_star_frames(count: int, seed: int) -> SlowPeer:
     onboard, pyramid = identifier.onboard, _pyramid(SLOW_CAMERA, SLOW_CELL)
     diameter_rad = 2 * SLOW_CAMERA.corner_angle_rad
     build_s, structures = cpu_timed(FiveStarStructures, onboard.direction, diameter_rad)
-    for other in (identifier, pyramid):
-        other.warm_up()
-    _nearest_set(identifier, synthetic_field(onboard, SLOW_CAMERA)[0])
     rng = np.random.default_rng(seed)
+    first, _ = star_list(onboard, SLOW_CAMERA, _attitude(identifier.pivots, np.random.default_rng(
+        0)), 0.0, np.random.default_rng(0), magnitude_sigma=0.0)
+    for other in (identifier, pyramid):
+        other.identify(first)
+    _nearest_set(identifier, first)
     times: dict[str, list[float]] = {'five stars': [], 'pivot': [], 'pyramid': []}
     solved: dict[str, list[bool]] = {name: [] for name in times}
     while len(times['pivot']) < count:
@@ -471,8 +473,7 @@ def draw_times(found: dict[tuple[str, float], Outcomes], slow: SlowPeer, folder:
     over.plot(limits, [found[method, limit].mean_ms('pyramid') for limit in limits], '^:',
               label='Pyramid, frames of segment')
     over.set(xlabel='magnitude limit', ylabel='time of a direction, ms', yscale='log')
-    figure.legend(*over.get_legend_handles_labels(), loc='outside upper center',
-                  ncols=3)
+    over.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=3)
     bars.bar(list(slow.time_ms), list(slow.time_ms.values()))
     bars.set(ylabel='time of a field, ms', yscale='log', title=f'20 deg, V {SLOW_CELL:g}')
     for axis in (over, bars):

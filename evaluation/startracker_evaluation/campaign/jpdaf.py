@@ -350,8 +350,9 @@ def draw_errors(found: Mapping[Cell, Mapping[str, np.ndarray]], folder: Path) ->
         axis.grid(alpha=0.3)
     figure.supxlabel('frame')
     figure.supylabel('boresight error, arcsec')
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center',
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='upper center',
                   ncols=len(found[cells[0]]))
+    figure.get_layout_engine().set(rect=(0, 0, 1, 0.94))  # below the legend
     return save_picture(figure, folder / 'jpdaf.png')
 
 

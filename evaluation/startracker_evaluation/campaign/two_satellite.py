@@ -320,5 +320,5 @@ def draw_baselines(table: dict[float, tuple[float, np.ndarray]], folder: Path) -
     above.set_xticks(ticks, [f'{table[degree][0]:.0f}' for degree in ticks])
     above.set_xlabel('angle between the lines of sight, deg')
     axis.grid(alpha=0.3, which='both')
-    figure.legend(*axis.get_legend_handles_labels(), loc='outside lower center', ncols=4)
+    axis.legend(loc='upper center', bbox_to_anchor=(0.5, -0.15), ncols=4)
     return save_picture(figure, folder / 'two_satellite.png')

@@ -1,35 +1,13 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fields without an image: the centroids of catalogue stars, exact or with simulated errors."""
+"""Fields without an image: the centroids of catalogue stars, with simulated errors."""
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.maths.rotation import conjugate, quaternion_from_pointing, rotate
-
-# Orion: bright stars for narrow fields and wide ones.
-_RA_RAD, _DEC_RAD, _ROLL_RAD = np.radians([84.0, 0.0, 30.0])
-_SIGMA_PX = 0.1
-
-WARM_UP_CAMERA = Camera.from_fov(512, 512, 20.0)
-"""A camera to compile and load code with, before the one in use is known."""
-
-WARM_UP_EPOCH_YEAR = 2026.0
-
-
-def synthetic_field(onboard: OnboardCatalog, camera: Camera) -> tuple[Centroids, np.ndarray]:
-    """Return the centroids of the stars that a camera sees in Orion, and their hip (N,)."""
-    q = quaternion_from_pointing(_RA_RAD, _DEC_RAD, _ROLL_RAD)
-    star = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-    uv = camera.project(rotate(conjugate(q), onboard.direction[star]))
-    seen = camera.contains(uv)
-    star, uv = star[seen], uv[seen]
-    flux = 1e6 * 10 ** (-0.4 * onboard.magnitude[star])
-    return (Centroids(uv, flux, np.full(len(star), 1 / _SIGMA_PX),
-                      np.full(len(star), _SIGMA_PX)), onboard.hip[star])
-
+from startracker_ros.core.maths.rotation import conjugate, rotate
 
 def star_list(onboard: OnboardCatalog, camera: Camera, q: np.ndarray, sigma_px: float,
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,

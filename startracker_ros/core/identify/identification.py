@@ -17,7 +17,6 @@ from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.identify.cache import cached_onboard
 from startracker_ros.core.identify.star_matcher import usable_stars
 from startracker_ros.core.identify.verification import Match, same_attitude, Verifier
@@ -194,10 +193,6 @@ class Identifier(ABC):
     def frame_by_frame(self, gyro: GyroErrorOptions) -> FrameByFrame:
         """Return what identifies frames in turn, by a gyro of these errors if it uses_rates."""
         return FrameByFrame(self)
-
-    def warm_up(self) -> None:
-        """Compile and load all that a frame needs, by identifying a synthetic field."""
-        self.identify(synthetic_field(self.onboard, self.camera)[0])
 
     def field_stars(self, centroids: Centroids) -> FieldStars:
         """Return the brightest usable centroids, each star once."""

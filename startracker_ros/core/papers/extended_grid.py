@@ -25,7 +25,6 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.identify.identification import (
     FieldStars, FrameByFrame, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
@@ -221,14 +220,6 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         return self._verify_with_prior(centroids, field, observed,
                                        predicted.select(predicted.near), recognised, prior)
 
-    def warm_up(self) -> None:
-        """Compile and load all that a frame needs, with a predicted attitude and without."""
-        centroids, _ = synthetic_field(self.onboard, self.camera)
-        attitude = self.identify(centroids).attitude
-        if attitude is not None:
-            self.identify(centroids, AttitudePrediction(attitude.quaternion,
-                                                        attitude.covariance_sensor))
-
     def predicted_field(self, quaternion: np.ndarray) -> PredictedField:
         """Return the catalogue stars of the extended field, image A."""
         matrix = matrix_from_quaternion(quaternion)
@@ -360,10 +351,6 @@ class RecursiveIdentifier(FrameByFrame):
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         with self._propagates:
             return self._propagator.add_rate(stamp_ns, rate_rad_s)
-
-    def warm_up(self) -> None:
-        """Compile and load all that a frame needs; the prediction stays as it is."""
-        self._identifier.warm_up()
 
     @property
     def has_rates(self) -> bool:

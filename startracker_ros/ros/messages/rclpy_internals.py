@@ -10,10 +10,11 @@ configured.
 """
 
 from collections.abc import Callable
+from functools import partial
 from inspect import signature
 from typing import Any
 
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
@@ -41,53 +42,10 @@ def declared_parameters(node: Node) -> list[str]:
     return list(getattr(node, '_parameters', {}))
 
 
-class _Answer:
-    """A response and the header of its request, sent when both are known."""
-
-    def __init__(self, send: Callable[[Any, Any], None]) -> None:
-        self._send = send
-        self._response: Any = None
-        self._header: Any = None
-
-    def respond(self, response: Any) -> None:
-        self._response = response
-        self._send_complete()
-
-    def address(self, header: Any) -> None:
-        self._header = header
-        self._send_complete()
-
-    def _send_complete(self) -> None:
-        if self._response is not None and self._header is not None:
-            self._send(self._response, self._header)
-
-
-def intercept_change_state(node: LifecycleNode, intercept: Callable) -> None:
-    """
-    Let intercept(change_state, request, response, respond) answer the requests of ~/change_state.
-
-    respond(response) may be called at once or later, in the thread of the executor.
-    """
+def answer_change_state(node: LifecycleNode, answer: Callable) -> None:
+    """Let answer(change_state, request, response) answer the requests of ~/change_state."""
     service: Any = node._service_change_state
-    change_state, send = service.callback, service.send_response
-
-    def on_request(request: Any, response: Any) -> _Answer:
-        answer = _Answer(send)
-        intercept(change_state, request, response, answer.respond)
-        return answer
-    service.callback = on_request
-    # Both executors call it with what the callback has returned.
-    service.send_response = _Answer.address
-
-
-def start_transition(node: LifecycleNode, transition_id: int) -> None:
-    """Enter the state of a transition in progress; RCLError where there is no such transition."""
-    node._state_machine.trigger_transition_by_id(transition_id, True)
-
-
-def end_transition(node: LifecycleNode, result: TransitionCallbackReturn) -> None:
-    """Enter the state that a transition in progress leads to with its result."""
-    node._state_machine.trigger_transition_by_label(result.to_label(), True)
+    service.callback = partial(answer, service.callback)
 
 
 def lifecycle_state(node: LifecycleNode) -> str:

@@ -17,7 +17,7 @@ from startracker_ros.core.stages.extraction import ExtractionStage, SearchOption
 from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.io.bags.telemetry import ExposureTimes
 from startracker_ros.ros import qos
-from startracker_ros.ros.camera_node import CameraNode, EARLY
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.image_topic import (
     subscribe_images, TransportOptions, why_images_are_missing)
@@ -63,11 +63,6 @@ class CentroidExtractorNode(CameraNode):
     def get_ready(self) -> None:
         if self.has_publisher(self.frame_topic):
             self.report_camera()
-        early = self.diagnostics.counts[EARLY]
-        if early:
-            # Whether there were images with them is not known: ours wait for subscribers.
-            self.get_logger().info(
-                f'{early} {EARLY}: images of before are missing if their source did not wait')
         subscribe_images(self, self._on_image)
 
     def why_missing(self) -> str:

@@ -4,7 +4,6 @@
 """star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,7 +13,6 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.methods import CLASSES, OWN_OPTIONS
 from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
@@ -81,10 +79,6 @@ class StarIdentifierNode(CameraNode):
 
     def use(self, built: IdentificationStage) -> None:
         self._stage = built
-
-    def warm_up(self) -> None:
-        options = replace(self.options(IdentificationOptions), magnitude_limit=5.0)
-        IdentificationStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).identifier.warm_up()
 
     def _on_tracker_state(self, message: DiagnosticStatus) -> None:
         fix = next((one.value for one in message.values if one.key == 'frames_since_fix'), '0')

@@ -249,7 +249,7 @@ def _draw_errors(figure: Any, sheet: SheetPage, axis: str) -> None:
                        label='Cramer-Rao bound of the noise')
     panel.set(xlabel='rate across the boresight [deg/s]', ylabel='error [arcsec]', yscale='log')
     # Beside the curves, not over them.
-    figure.legend(loc='outside upper center', ncols=2)
+    panel.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=2)
 
 
 def _draw_sky(figure: Any, sheet: SheetPage) -> None:
@@ -274,4 +274,4 @@ def _draw_coverage(figure: Any, sheet: SheetPage) -> None:
         panel.plot(limits, share, label=f'{least} stars or more')
     panel.axvline(sheet.limit, color='grey', linestyle=':', label='limiting magnitude')
     panel.set(xlabel='faintest star, V [mag]', ylabel='share of the sky [%]')
-    figure.legend(loc='outside upper center', ncols=2)
+    panel.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=2)

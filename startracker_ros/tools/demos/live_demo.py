@@ -10,7 +10,6 @@ import math
 import os
 from pathlib import Path
 import shutil
-import subprocess
 import sys
 import time
 from typing import Any
@@ -25,13 +24,11 @@ from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.core.extras import MissingLibraryError
-from startracker_ros.core.machine_code import missing_modules
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.ros import qos
 from startracker_ros.ros.probe import Progress
-from startracker_ros.ros.processes import (
-    claim_domain, HarnessError, module_command, node_environment, set_environment, take_domain)
+from startracker_ros.ros.processes import claim_domain, HarnessError, set_environment, take_domain
 from startracker_ros.ros.rig import Rig
 from startracker_ros.tools.demos.readiness import Needs, Readiness
 from startracker_ros.tools.figures.machine import MachineLoad
@@ -248,16 +245,8 @@ def draw_if_possible(picture: Path, draw: Callable[[], None]) -> str:
 
 
 def start_time_s() -> float:
-    """
-    Return when the demo began, UNIX time in s.
-
-    That is the start of this process, or the end of the compilation where it runs first.
-    """
-    if not missing_modules():
-        return psutil.Process().create_time()
-    # When this fails, the nodes compile for themselves.
-    subprocess.run(module_command('startracker_ros.warm_up'), env=node_environment())
-    return time.time()
+    """Return when this process began, UNIX time in s."""
+    return psutil.Process().create_time()
 
 
 def _choose_domain(topics: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ import platform
 
 from startracker_ros import __version__
 from startracker_ros.io.table import Result
+from startracker_ros.tools.doctor.camera import check_camera
 from startracker_ros.tools.doctor.dds import check_dds
 from startracker_ros.tools.doctor.install import check_install, check_storage
 
@@ -18,8 +19,6 @@ def examine(*, camera_file: Path | None = None, listen_s: float = 0.0,
     """Return one row for each check; a camera is looked at when a file or a time is given."""
     checks = [*check_install(), *check_dds(), *check_storage()]
     if camera_file is not None or listen_s:
-        # Here: a machine whose numba is too old cannot import it.
-        from startracker_ros.tools.doctor.camera import check_camera
         checks += check_camera(camera_file, listen_s, namespace)
     return Result('doctor', [asdict(check) for check in checks], {
         'package': f'startracker_ros {__version__} in {Path(__file__).parents[2]}',

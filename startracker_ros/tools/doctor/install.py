@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is installed, and the folders for compiled code, pattern databases and bags."""
+"""What is installed, and the folders for pattern databases and bags."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,11 +11,8 @@ from pathlib import Path
 import shutil
 import sys
 
-from startracker_ros.core.extras import check_numba, MissingLibraryError, OLDEST_NUMBA
 from startracker_ros.core.folders import (
     cache_folder, CACHE_VARIABLE, cached_files, can_write, most_cache_bytes)
-from startracker_ros.core.machine_code import (
-    machine_code_folder, missing_modules, registered_modules)
 from startracker_ros.ros.executables import EXECUTABLES
 
 
@@ -40,7 +37,7 @@ class Check:
 
 # Modules with the distributions that have their versions; Debian packages may have none.
 PACKAGES = (
-    ('numpy', 'numpy'), ('scipy', 'scipy'), ('numba', 'numba'),
+    ('numpy', 'numpy'), ('scipy', 'scipy'),
     ('cv2', 'opencv-python-headless'), ('mcap', 'mcap'), ('mcap_ros2', 'mcap-ros2-support'),
     ('lz4', 'lz4'), ('zstandard', 'zstandard'), ('psutil', 'psutil'), ('yaml', 'PyYAML'),
     ('rclpy', 'ros-rclpy'), ('sensor_msgs.msg', 'ros-sensor-msgs'))
@@ -56,7 +53,6 @@ def check_install() -> Iterator[Check]:
     """Yield the checks of what is installed."""
     yield check_python()
     yield check_packages(PACKAGES)
-    yield check_compiler()
     yield check_native()
     prefixes = [prefix for prefix in (
         *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix) if prefix]
@@ -89,17 +85,6 @@ def check_packages(packages: Sequence[tuple[str, str]]) -> Check:
         return Check('packages', '; '.join(broken), False,
                      'pip install -r requirements.txt, or source the setup file of ROS 2')
     return Check('packages', ', '.join(versions))
-
-
-def check_compiler() -> Check:
-    """Return whether numba is new enough."""
-    try:
-        check_numba()
-    except MissingLibraryError as error:
-        finding, _, remedy = str(error).partition(': ')
-        return Check('numba', finding, False, remedy)
-    return Check('numba', f'{metadata.version("numba")}, needs '
-                          f'{".".join(map(str, OLDEST_NUMBA))} or later')
 
 
 def check_native() -> Check:
@@ -150,28 +135,12 @@ def check_catalog() -> Check:
 
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
-    yield check_compiled(machine_code_folder(), len(missing_modules()), len(registered_modules()))
     yield check_cache(cache_folder())
     yield check_room(Path.cwd())
 
 
-def check_compiled(folder: str, missing: int, count: int) -> Check:
-    """
-    Return whether machine code is there, of count modules all but some that are missing.
-
-    An empty folder means that none can be kept.
-    """
-    if missing and not folder:
-        return Check('compiled code', 'nowhere to keep it: each process compiles anew', False,
-                     'make ~/.cache writable, or set NUMBA_CACHE_DIR to a folder that is')
-    if missing:
-        return Check('compiled code', f'{missing} of {count} modules are not compiled: the first '
-                     'start takes a minute', False, 'python -m startracker_ros.warm_up')
-    return Check('compiled code', f'all {count} modules that compile')
-
-
 def check_cache(folder: Path) -> Check:
-    """Return whether databases and compiled code can be kept in the folder."""
+    """Return whether databases can be kept in the folder."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not can_write(existing):
         return Check('database cache', f'{folder} cannot be written', False,

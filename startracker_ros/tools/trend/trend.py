@@ -296,7 +296,7 @@ def _draw(figure: Any, series: Series, steps: Sequence[Step]) -> None:
     for step in steps:
         axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
     if len(series.columns) > 1:
-        figure.legend(loc='outside upper center', ncols=len(series.columns))
+        axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=len(series.columns))
 
 
 def _draw_maps(figure: Any, maps: Sequence[WidthMap]) -> None:

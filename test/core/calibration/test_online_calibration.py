@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skies import onboard_stars
+from skies import onboard_stars, synthetic_field
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.lens_filter import LensFilter, LensFrame
 from startracker_ros.core.calibration.online import OnlineCalibration, OnlineOptions
 from startracker_ros.core.calibration.tracked_frames import tracked_frame
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.track.tracks import Tracks
