@@ -44,7 +44,7 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     native.call('st_fit_attitude', SOLVERS.index(solver), sensor, icrf, sigma_rad, count, found,
                 residual_rad, reason, work, len(work))
     if reason['code']:
-        raise AttitudeError(failure(int(reason['code']), reason['figure']))
+        raise AttitudeError(failure(int(reason['code']), reason['figure'].tolist()))
     return AttitudeEstimate(found['quaternion'].copy(), found['covariance_rad2'].copy(), count,
                             residual_rad, float(found['chi2']))
 

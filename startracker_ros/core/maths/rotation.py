@@ -114,10 +114,10 @@ def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
         # The limit of sin(a / 2) / a at zero.
         scale = np.sin(half) / (2 * half) if half > 0 else 0.5
         return np.array((x * scale, y * scale, z * scale, np.cos(half)))
-    half = np.sqrt(np.sum(rotation ** 2, -1, keepdims=True)) / 2
-    scale = np.full_like(half, 0.5)
-    np.divide(np.sin(half), 2 * half, out=scale, where=half > 0)
-    return np.concatenate([rotation * scale, np.cos(half)], -1)
+    halves = np.sqrt(np.sum(rotation ** 2, -1, keepdims=True)) / 2
+    scales = np.full_like(halves, 0.5)
+    np.divide(np.sin(halves), 2 * halves, out=scales, where=halves > 0)
+    return np.concatenate([rotation * scales, np.cos(halves)], -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
@@ -129,11 +129,11 @@ def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
         scale = 2 * math.atan2(sine, w) / sine if sine > 0 else 2.0
         return np.array((x * scale, y * scale, z * scale))
     q = np.where(q[..., 3:] < 0, -q, q)
-    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., 3:])
+    sines = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angles = 2 * np.arctan2(sines, q[..., 3:])
     with np.errstate(invalid='ignore', divide='ignore'):
-        scale = np.where(sine > 0, angle / sine, 2.0)
-    return q[..., :3] * scale
+        scales = np.where(sines > 0, angles / sines, 2.0)
+    return q[..., :3] * scales
 
 
 def attitude_error(q_estimate: np.ndarray, q_truth: np.ndarray) -> np.ndarray:
