@@ -60,7 +60,7 @@ class StoredArrays:
     """
     Arrays by name, mapped from a file, or in memory where no file can be written.
 
-    They can be written to, as those of a compiled function have to be, but must not.
+    They can be written to, but must not.
     """
 
     def __init__(self, arrays: dict[str, np.ndarray], mapped: mmap.mmap | None = None) -> None:
@@ -222,7 +222,7 @@ def _map(file: BinaryIO) -> StoredArrays:
     """Return the arrays of a sound file."""
     buffer: mmap.mmap | bytearray
     try:
-        # Private, hence writable like any other array: compiled functions are made for these.
+        # Private, hence writable like any other array.
         buffer = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
     except OSError:
         # A file system that maps no files.

@@ -352,7 +352,7 @@ def test_rates_between_two_frames():
     for case in record()['frames']:
         rate = np.empty(3)
         agree = native_bank.call(
-            'stt_rate_between_frames', native_bank.camera_struct(CAMERAS[int(case['camera'])]),
+            'stt_rate_between_frames', CAMERAS[int(case['camera'])].native,
             case['before'], len(case['before']), case['after'], len(case['after']), 0.1, rate)
         assert bool(agree) == bool(len(case['rate']))
         if agree:
@@ -518,7 +518,7 @@ def same_detected(updated):
         len(error), found)]
     seen = np.flatnonzero((tracks['confirmed'] > 0) & np.isfinite(distance))
     flow = np.empty((count, 2, 3))
-    native_bank.call('st_image_flow', native_bank.camera_struct(CAMERA), sensor, flow, count)
+    native_bank.call('st_image_flow', CAMERA.native, sensor, flow, count)
     np.testing.assert_array_equal(found[:, 0], seen)
     uv = updated.uv[best[seen]]
     expected = np.column_stack([

@@ -189,7 +189,6 @@ def test_command_line_runs(install):
 
 
 def test_node_starts_and_ends_cleanly(install, tmp_path):
-    # A node without compiled functions starts fastest.
     node = subprocess.Popen(
         [install.prefix / LIB / 'bag_recorder', '--ros-args', '-p', f'folder:={tmp_path / "bag"}'],
         env=install.environment, text=True,

@@ -256,7 +256,7 @@ def test_what_OneOfSeveral_files_meets_is_reported():
     with pytest.raises(KeyboardInterrupt), OneOfSeveral(reasons.append):
         raise KeyboardInterrupt
     with pytest.raises(SystemError), OneOfSeveral(reasons.append):
-        # As compiled code does.
+        # As code in C does.
         raise SystemError('returned with an error set') from KeyboardInterrupt()
     assert len(reasons) == 2
 

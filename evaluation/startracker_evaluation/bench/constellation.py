@@ -160,7 +160,7 @@ def _flight_rows(folder: Path, seed: int, tasks_s: float, only: Sequence[str], r
         rows.append(Row('sparse bag: requests', plan.traffic.requests + sum(
             record.store_requests for record in records), 'requests'))
     if 'year' in only:
-        # Once before: compiled code is loaded.
+        # Once before: files are read.
         _reprocessed(_flight(folder / 'warm-up', WARM_UP_FRAMES, seed), folder / 'out warm-up')
         _year_rows(file, *_reprocessed(file, folder / 'out'), tasks_s, rows)
 

@@ -28,7 +28,7 @@ CASES = ('simulate', 'read', 'frames', 'workers')
 MONTH_FRAMES = 26e6
 """30 days at 10 Hz."""
 
-_WARM_UP_DAYS = 0.001  # at 1 Hz: compiled code is loaded once, and not in each segment
+_WARM_UP_DAYS = 0.001  # at 1 Hz: files are read once, and not in each segment
 MONTH_H, PARALLEL_EFFICIENCY, MEMORY_MB, READ_SHARE = 3.0, 0.9, 1000.0, 0.2
 
 

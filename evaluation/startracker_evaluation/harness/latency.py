@@ -45,7 +45,7 @@ _RUNS = 3
 increases the times. The runs are not consecutive."""
 
 _WARM_UP_IMAGES = 40
-"""Images after which all files are read, all code is compiled and the stars are tracked."""
+"""Images after which all files are read, all code is loaded and the stars are tracked."""
 
 CAMERA_RATE_HZ = 10.0
 """A usual rate of star cameras. Processors sleep between two images, which adds a latency that
@@ -100,7 +100,7 @@ class TimedPipeline(Rig):
         arguments = parameter_arguments({
             f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
             f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
-            # The extractor subscribes to images once its compiled code is loaded.
+            # The extractor subscribes to images once it is ready.
             f'{_SOURCE}:wait_for_subscribers': 1,
             f'{_SOURCE}:wait_for_camera_users': len(stages)})
         for file, group in zip(self.files, groups):

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a published covariance consists of. Free of compiled code, which is slow to import."""
+"""What a published covariance consists of."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An attitude with its statistics. Free of compiled code, which is slow to import."""
+"""An attitude with its statistics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

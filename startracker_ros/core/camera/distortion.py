@@ -54,12 +54,6 @@ def terms_of(model: str, coefficients: tuple[float, ...]) -> Terms:
     return k1, k2, p1, p2, k3, k4, d1, d2, d3
 
 
-def coefficients_of(model: str, terms: Terms) -> tuple[float, ...]:
-    """Return the coefficients of a model out of all terms."""
-    value = dict(zip(('k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'd1', 'd2', 'd3'), terms))
-    return tuple(value[name] for name in MODELS[model].coefficients)
-
-
 _ANGLE_STEP_RAD = 1 / 256
 
 

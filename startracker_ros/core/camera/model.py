@@ -6,16 +6,13 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.camera.distortion import (
-    DistortionModel, farthest_angle, LARGEST_RAD, MODELS, PLUMB_BOB, terms_of)
+    DistortionModel, farthest_angle, LARGEST_RAD, MODELS, PLUMB_BOB)
 from startracker_ros.core.maths.rotation import quaternion_from_axes
-
-if TYPE_CHECKING:
-    from startracker_ros.core.camera.lens import Lens
 
 LARGEST_SIDE_PX = 65536
 """Of an image, and of the sensor that it may be a part of."""
@@ -188,14 +185,6 @@ class Camera:
         """Return the camera as an st_camera, which must not be changed."""
         return native_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy),
                              self.distortion, self.distortion_model)
-
-    @cached_property
-    def lens(self) -> 'Lens':
-        """Return the camera model for compiled functions."""
-        from startracker_ros.core.camera.lens import Lens
-        return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
-                    float(self.cy), terms_of(self.distortion_model, self.distortion),
-                    any(self.distortion), self.model.equidistant, self.farthest_rad)
 
     @cached_property
     def middle_axes(self) -> np.ndarray:

@@ -44,7 +44,7 @@ class Centroids:
     exposure_s: tuple[float, float] = UNKNOWN_EXPOSURE
 
     def __post_init__(self) -> None:
-        # Columns of a table are not, and compiled functions are made for arrays that are.
+        # Columns of a table are not contiguous.
         for name in ('uv', 'flux', 'snr', 'sigma_px'):
             value = getattr(self, name)
             if not value.flags.c_contiguous:

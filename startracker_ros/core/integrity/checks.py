@@ -6,7 +6,7 @@ Every check that decides whether a frame is used and an attitude is trusted: the
 
 The figures of each, its threshold and its limits, are those of the native core, where they stand
 alone (native/src/integrity/checks.h); evidence, action and sentence stand here. docs/integrity.md
-is this table, made by startracker_ros.ros.tables. Free of compiled code, which is slow to import.
+is this table, made by startracker_ros.ros.tables.
 """
 
 from collections.abc import Callable, Mapping, Sequence

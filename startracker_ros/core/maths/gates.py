@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Gates of chi-square. Free of compiled code, which is slow to import."""
+"""Gates of chi-square."""
 
 import math
 

@@ -388,7 +388,7 @@ def _read_text(cdr: bytes, at: int) -> tuple[str, int]:
 def read_imu(cdr: bytes) -> Imu:
     """Return an Imu; MessageError where the bytes are none."""
     header, doubles = _header_and_doubles(cdr, 37, 'Imu')
-    # A copy: the bytes are not aligned as compiled functions want them.
+    # A copy, which is aligned.
     values = doubles[:25].copy()
     return Imu(header, Quaternion(*values[:4].tolist()), values[4:13],
                Vector(*values[13:16].tolist()), values[16:25])

@@ -12,6 +12,5 @@ def test_columns_of_a_table_are_lists_of_stars():
     stars = Centroids(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
     for value, column in ((stars.uv, table[:, :2]), (stars.flux, table[:, 2]),
                           (stars.snr, table[:, 3]), (stars.sigma_px, table[:, 4])):
-        # As compiled functions need them.
         assert value.flags.c_contiguous
         np.testing.assert_array_equal(value, column)

@@ -84,7 +84,6 @@ def test_arrays_come_back_as_they_were_stored(own_cache):
     np.testing.assert_array_equal(stored.arrays['numbers'], np.arange(1000))
     assert stored.arrays['none'].shape == (0, 3) and stored.arrays['one'] == 2.5
     assert stored.arrays['flags'].tolist() == [True, False]
-    # Of the type that functions are compiled for.
     for array in stored.arrays.values():
         assert array.flags.writeable and array.flags.aligned and array.flags.c_contiguous
 

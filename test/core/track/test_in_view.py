@@ -11,8 +11,7 @@ import pytest
 from skies import onboard_stars
 from startracker_ros.core.astro.observer_motion import observer_at
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.camera.lens import project
-from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.camera.model import Camera, project
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.maths.rotation import conjugate, quaternion_from_pointing, rotate
 from startracker_ros.core.track.in_view import BRIGHT_STARS, StarsInView
@@ -64,5 +63,5 @@ def test_spots_are_compared_with_the_faintest_stars_too(camera):
 def test_projects_as_the_camera(camera):
     directions = np.random.default_rng(1).normal(0, 1, (100, 3))
     directions[:, 2] = np.where(np.arange(100) % 10, 5 + directions[:, 2], directions[:, 2])
-    np.testing.assert_allclose(project(camera.lens, directions), camera.project(directions),
+    np.testing.assert_allclose(project(camera.native, directions), camera.project(directions),
                                rtol=1e-12, atol=1e-9)

@@ -1,5 +1,0 @@
-def compiled(f):
-    return f
-
-
-fused = reordered = inlined = compiled
