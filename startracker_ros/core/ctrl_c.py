@@ -4,10 +4,10 @@
 """
 Ctrl-C of a command: it ends at once, whatever it is doing.
 
-Python calls the handler of a signal between two of its instructions: not before one of
-the native core has returned. So a thread ends the process. It can run while no other one holds the lock
-of the interpreter: the native core releases it. What has to be closed in order has an exception
-all the same.
+Python calls the handler of a signal between two of its instructions: not before a call of
+the native core has returned. So a thread ends the process. It can run while no other one holds
+the lock of the interpreter: the native core releases it. What has to be closed in order has an
+exception all the same.
 """
 
 import atexit

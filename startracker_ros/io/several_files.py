@@ -17,7 +17,7 @@ class OneOfSeveral:
     """
     Report why the work on one file failed, and go on after the block.
 
-    Ctrl-C ends the work, in code of the native core too, and so does a reader of the output that has left.
+    Ctrl-C ends the work, in the native core too, and so does a reader that has left the output.
     """
 
     def __init__(self, report: Callable[[str], object]) -> None:

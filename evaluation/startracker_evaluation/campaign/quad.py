@@ -289,7 +289,6 @@ def real_frames(folder: Path, epoch_year: float) -> tuple[np.ndarray, np.ndarray
         camera = Camera.from_fov(image.shape[1], image.shape[0], float(known['hfov_deg']))
         identifier = QuadIdentifier(camera, epoch_year, replace(
             OPTIONS, magnitude_limit=0.0, fov_error_percent=1.0))
-        identifier.warm_up()
         centroids = CentroidExtractor(ExtractionOptions(method='squared', max_stars=30)).measure(
             image).centroids
         published_s, (_, quaternion) = cpu_timed(
