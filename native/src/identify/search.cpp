@@ -142,7 +142,7 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
     }
     if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 &&
         is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_,
-                    work_.done_ns / looked_up_, tested_, false_alarm_max)) {
+                    work_.done_ns / looked_up_, counted(), false_alarm_max)) {
         return false;
     }
     int32_t base[3];
@@ -159,7 +159,7 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
 Outcome StarSearch::verify_all(const Verifier &verifier, double false_alarm_max, Arena &work) {
     int accepted = 0;
     for (int row = 0; row < triangle_.count(); ++row) {
-        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, tested_, verified_,
+        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, counted(), verified_,
                work);
         const bool better = verified_.false_alarm < best_.false_alarm;
         if (verified_.false_alarm <= false_alarm_max &&
