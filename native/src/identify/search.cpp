@@ -159,8 +159,8 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
 Outcome StarSearch::verify_all(const Verifier &verifier, double false_alarm_max, Arena &work) {
     int accepted = 0;
     for (int row = 0; row < triangle_.count(); ++row) {
-        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, counted(), verified_,
-               work);
+        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, counted(),
+               verified_, work);
         const bool better = verified_.false_alarm < best_.false_alarm;
         if (verified_.false_alarm <= false_alarm_max &&
             (accepted == 0 || !same_attitude(verified_.found, best_.found, stars_.count))) {
