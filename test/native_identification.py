@@ -4,8 +4,8 @@
 """
 Lists of stars of all kinds, and a record of what the identification finds in them.
 
-python test/native_identification.py writes the record with the code of this checkout. That of
-test/native/identification.npz is of the identification in Python, which this one has replaced.
+python test/native_identification.py writes the record with the code of this checkout. The stars
+of test/native/identification.npz are those that the identification in Python found.
 """
 
 from pathlib import Path

@@ -64,10 +64,9 @@ def test_lists_of_all_kinds_have_the_stars_of_the_record(record, lists, camera):
         compared += 1
         assert found.status == 'identified'
         np.testing.assert_array_equal(found.hip, record['found'][rows])
-        # The triangle that led to them may be another one: far less than the noise.
-        np.testing.assert_allclose(found.residual_px, record['residual_px'][rows],
-                                   atol=0.1 * record['sigma_px'][number])
-        assert found.focal_ratio == pytest.approx(ratio, abs=3e-5)
+        # The triangle that led to them may be another one: far less than any noise.
+        np.testing.assert_allclose(found.residual_px, record['residual_px'][rows], atol=5e-3)
+        assert found.focal_ratio == pytest.approx(ratio, abs=1e-5)
         quaternion, sigma_rad = np.array(numbers[4:8]), np.array(numbers[8:])
         assert (np.abs(attitude_error(found.attitude.quaternion, quaternion))
                 < 0.02 * sigma_rad).all()

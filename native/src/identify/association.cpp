@@ -16,6 +16,9 @@ constexpr int LEAST_MATCHED = 4, MOST_ATTEMPTS = 5;
 // stars found first lead to those at the far side of the image.
 constexpr int WIDE_ATTEMPTS = 2;
 constexpr double WIDE = 3.0;
+// Attitude and focal length are fitted in turn, which converges by a factor of ten a step or more.
+constexpr int FIT_STEPS = 20;
+constexpr double CONVERGED_RATIO = 1e-9;
 
 /// Return the distance of a star from a point of the fitted focal length.
 double distance(bool equidistant, const Matrix3 &R, const double *direction, const Point &at) {
@@ -160,6 +163,30 @@ Directions directions(int most, Arena &work) {
     return {0, work.take<Vector3>(room), work.take<Vector3>(room), work.take<double>(room)};
 }
 
+/// Fit attitude and focal length to an association, in turn, by at most so many steps; return the
+/// fitted ratio, beyond scale_error too, NaN where the attitude is not observable.
+double fit(const Patterns &sky, bool equidistant, const ImageStars &stars, double scale_error,
+           int most_steps, Directions &matched, StarMatch &found, Arena &work) {
+    const Arena::Scope scope(work);
+    const auto room = static_cast<size_t>(stars.count);
+    auto *p = work.take<Point>(room), *q = work.take<Point>(room);
+    double fitted = NAN;
+    for (int step = 0; step < most_steps; ++step) {
+        collect(sky, equidistant, stars, found, matched);
+        if (!(refine(found.R, matched, most_steps).determinant > 0)) {
+            return NAN;
+        }
+        const double before = found.focal_ratio;
+        fitted = before * focal_ratio(equidistant, found.R, matched, p, q);
+        // Close stars may determine the scale less well than it was known before.
+        found.focal_ratio = std::fmin(std::fmax(fitted, 1 - scale_error), 1 + scale_error);
+        if (std::fabs(found.focal_ratio - before) < CONVERGED_RATIO) {
+            break;
+        }
+    }
+    return fitted;
+}
+
 }  // namespace
 
 StarMatch star_match(int most, Arena &arena) {
@@ -189,7 +216,6 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
     const Arena::Scope scope(work);
     const auto room = static_cast<size_t>(stars.count);
     auto *before = work.take<int32_t>(room);
-    auto *p = work.take<Point>(room), *q = work.take<Point>(room);
     Directions matched = directions(stars.count, work);
     for (int i = 0; i < stars.count; ++i) {
         found.star[i] = -1;
@@ -200,23 +226,16 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
     }
     found.R = identity<3>();
     found.focal_ratio = 1.0;
-    double fitted = 1.0;
-    // First the scale of the base alone: where that is off, so is the attitude.
-    for (int attempt = 0; attempt < MOST_ATTEMPTS; ++attempt) {
+    collect(sky, equidistant, stars, found, matched);
+    found.R = triad(matched, 0, farthest(matched));
+    // First the scale of the base alone: where that is off, so is the attitude. What one step leaves
+    // is little beside the radius, and more steps follow.
+    double fitted = fit(sky, equidistant, stars, scale_error, 1, matched, found, work);
+    for (int attempt = 1; attempt < MOST_ATTEMPTS; ++attempt) {
         std::memcpy(before, found.star, room * sizeof(int32_t));
-        collect(sky, equidistant, stars, found, matched);
-        if (attempt == 0) {
-            found.R = triad(matched, 0, farthest(matched));
-        }
-        // What one step leaves is little beside the radius, and more steps follow.
-        if (!(refine(found.R, matched, 1).determinant > 0)) {
+        fitted = fit(sky, equidistant, stars, scale_error, 1, matched, found, work);
+        if (std::isnan(fitted)) {
             return false;
-        }
-        fitted = found.focal_ratio * focal_ratio(equidistant, found.R, matched, p, q);
-        // Close stars may determine the scale less well than it was known before.
-        found.focal_ratio = std::fmin(std::fmax(fitted, 1 - scale_error), 1 + scale_error);
-        if (attempt == 0) {
-            continue;
         }
         associate(sky, equidistant, stars, attempt > WIDE_ATTEMPTS ? radius : WIDE * radius,
                   found);
@@ -224,9 +243,8 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
             return false;
         }
         if (attempt > 1 && std::memcmp(before, found.star, room * sizeof(int32_t)) == 0) {
-            // The same association with the focal length that it has led to.
-            collect(sky, equidistant, stars, found, matched);
-            refine(found.R, matched, 1);
+            // The same stars: their best fit does not depend on the triangle that has led to them.
+            fitted = fit(sky, equidistant, stars, scale_error, FIT_STEPS, matched, found, work);
             // A narrower radius would leave it as it is.
             if (update(sky, equidistant, stars, found) <= radius) {
                 break;

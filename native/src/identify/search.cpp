@@ -22,9 +22,8 @@ constexpr double FINDS = 0.5;
 constexpr double WORTH_NS = 1e9;
 // Whether to end is looked at after so many triangles.
 constexpr int LOOK_PERIOD = 16;
-// A poor field has as few stars as one of ten, which is the easiest to accept; a rich one as many as
-// one of fifty.
-constexpr int POOR = 10, RICH = 50;
+// A poor field has as few stars as one of ten, which is the easiest to accept, a rich one as many.
+constexpr int EXTREME = 10;
 // After so much work it is seen whether the caller has stopped the search.
 constexpr double STOP_PERIOD_NS = 3e5;
 
@@ -41,13 +40,13 @@ constexpr double STOP_PERIOD_NS = 3e5;
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
                  double cost_ns, double tested, double false_alarm_max) {
     const double n = count, r = verifier.tolerance_sigmas * median_sigma;
-    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / POOR], 1);
-    const int32_t M = std::min(count, verifier.counts[FIELD_SAMPLES - FIELD_SAMPLES / RICH]);
+    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / EXTREME], 1);
+    const int32_t M = std::min(count, verifier.counts[FIELD_SAMPLES - FIELD_SAMPLES / EXTREME]);
     const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
     const double per_triangle = FINDS / (n * (n - 1) * (n - 2) / 6);
     const double left = std::log(1 - looked_up * per_triangle);
     double h = 0.0;
-    for (int m = least_matches(count, p, 1.0 / POOR, 3, verifier.tolerance_sigmas, tested,
+    for (int m = least_matches(count, p, 1.0 / EXTREME, 3, verifier.tolerance_sigmas, tested,
                                false_alarm_max);
          m <= M; ++m) {
         const double K = m * (m - 1.0) * (m - 2.0) / 6;
@@ -143,7 +142,7 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
     }
     if (looked_up_ % LOOK_PERIOD == LOOK_PERIOD - 1 &&
         is_searched(verifier, stars_.median_sigma, order_.count(), looked_up_,
-                    work_.done_ns / looked_up_, tested_, false_alarm_max)) {
+                    work_.done_ns / looked_up_, counted(), false_alarm_max)) {
         return false;
     }
     int32_t base[3];
@@ -160,8 +159,8 @@ bool StarSearch::next_triangle(const Verifier &verifier, const BrightLevel &brig
 Outcome StarSearch::verify_all(const Verifier &verifier, double false_alarm_max, Arena &work) {
     int accepted = 0;
     for (int row = 0; row < triangle_.count(); ++row) {
-        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, tested_, verified_,
-               work);
+        verify(verifier, stars_, triangle_.base(), triangle_.candidate(row), 3, counted(),
+               verified_, work);
         const bool better = verified_.false_alarm < best_.false_alarm;
         if (verified_.false_alarm <= false_alarm_max &&
             (accepted == 0 || !same_attitude(verified_.found, best_.found, stars_.count))) {

@@ -64,6 +64,10 @@ private:
     bool next_triangle(const Verifier &verifier, const BrightLevel &bright,
                        double false_alarm_max);
     Outcome verify_all(const Verifier &verifier, double false_alarm_max, Arena &work);
+    /// T of the false-alarm probability. A candidate is fitted to stars that are as far from it as
+    /// the whole tolerance, so that one within the narrow gates of the three sides has the chances
+    /// of all those that whole gates would have let pass, of which it is one of 1 / SIDE_SIGMAS^3.
+    double counted() const { return tested_ / (SIDE_SIGMAS * SIDE_SIGMAS * SIDE_SIGMAS); }
     const Pairs &pairs(const Verifier &verifier) const {
         return level_ == 0 ? verifier.sky.bright_pairs : verifier.sky.pairs;
     }

@@ -12,6 +12,7 @@
 #include "integrity/checks.h"
 #include "integrity/expected_stars.h"
 #include "maths/sorting.h"
+#include "maths/symmetric.h"
 #include "track/prediction.h"
 #include "track/systematic.h"
 
@@ -694,7 +695,9 @@ void TrackFilter::fill(st_attitude &filled, st_budget &budget, Arena &arena) {
     } else {
         set(now->covariance, budget.stars);
     }
-    fill_errors(*now, budget, filled, arena);
+    if (!fill_errors(*now, budget, filled, arena)) {
+        return;
+    }
     filled.chi2 = now->chi2;
     filled.residual_px = now->residual_px;
     set(rate_rad_s(), filled.rate_rad_s);
@@ -726,18 +729,24 @@ void TrackFilter::fill_of_frame(st_attitude &filled, st_budget &budget, Arena &a
     fill_errors(own, budget, filled, arena);
 }
 
-/// Add the errors that last to a budget, and fill in the attitude with their sum.
-void TrackFilter::fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
+/// Add the errors that last to a budget, and fill in the attitude with their sum. False where it
+/// has no covariance: of one star that is left they may have any effect.
+bool TrackFilter::fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
                               Arena &arena) {
     look(tracks_ns_, *sky_);
     const LastingErrors lasting = is_attitude() ? attitude_.lasting_errors() : LastingErrors{};
     add_lasting_errors(lens_, bank(), *sky_->file, lasting, &sky_->observer, own.quaternion,
                        budget, arena);
+    const Matrix3 covariance = covariance_of(budget);
+    if (!is_positive_definite(covariance)) {
+        return false;
+    }
     filled.valid = 1;
     filled.stamp_ns = own.stamp_ns;
     filled.stars = own.stars;
     set(own.quaternion, filled.quaternion);
-    set(covariance_of(budget), filled.covariance_rad2);
+    set(covariance, filled.covariance_rad2);
+    return true;
 }
 
 bool TrackFilter::predict(List<st_prediction> &predictions) {

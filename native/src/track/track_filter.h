@@ -176,7 +176,7 @@ private:
                         List<NewStar> &found, Arena &arena);
     void add_track(int32_t star, const st_centroid &centroid, bool confirmed);
     MeasuredRoll measured_roll(int64_t from_ns, int64_t to_ns) const;
-    void fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
+    bool fill_errors(const TrackedAttitude &own, st_budget &budget, st_attitude &filled,
                      Arena &arena);
 
     st_tracking_options options_{};
