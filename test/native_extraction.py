@@ -73,8 +73,8 @@ def assert_same(found: Found, expected: Found) -> None:
     """
     Assert that both found the same.
 
-    The filtered image is float32. The record rounds a product and its sum once, the core each: the
-    noise, in steps of 1/256 DN, may come out a step away, which is 1 % after a wide filter.
+    The filtered image is float32. The record rounds a product and its sum once, the core each, so
+    that the noise, in steps of 1/256 DN, may come out a step away: 1 % after a wide filter.
     """
     assert found.status == expected.status
     assert found.windowed == expected.windowed

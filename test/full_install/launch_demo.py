@@ -16,7 +16,6 @@ from launch_testing.actions import ReadyToTest
 from launch_testing.asserts import assertExitCodes
 import rclpy
 
-# The first start compiles.
 LIMIT_S = 500.0
 
 

@@ -33,9 +33,9 @@ class Triangles(StarMatcher):
     def look_up(self, image, sigma, base, most_ns=math.inf):
         """Return the best candidates (M, 3) of an image triangle, and how many fit."""
         best, count = np.empty((5, 3), np.int32), np.zeros(1, np.int32)
-        kept = self._set_stars(image, sigma)
+        kept, base = self._set_stars(image, sigma), np.array(base, np.int32)
         tested = kernels().stt_triangles(
-            self._tracker.handle, self._stars.ctypes.data, np.int32(base).ctypes.data, most_ns,
+            self._tracker.handle, self._stars.ctypes.data, base.ctypes.data, most_ns,
             best.ctypes.data, count.ctypes.data)
         del kept
         return best[:count[0]], tested
