@@ -36,7 +36,6 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
-from startracker_ros.core.native import aligned
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.cache import STARS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
@@ -49,7 +48,7 @@ from startracker_ros.core.maths.rotation import (
     angle_between, ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply,
     quaternion_from_axes, quaternion_from_matrix, quaternion_from_rotation_vector, random_attitude,
     rotate, rotation_vector_from_quaternion, sign_continuous, turned)
-from startracker_ros.core.native import check_sky, NativeError
+from startracker_ros.core.native import aligned, check_sky, NativeError
 from startracker_ros.core.native_tracker import (
     native_centroids, native_identified, NativeTracker, TRACKS, TRUSTS)
 from startracker_ros.core.papers.extended_grid import AttitudePrediction

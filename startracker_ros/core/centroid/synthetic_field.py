@@ -9,6 +9,7 @@ from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import conjugate, rotate
 
+
 def star_list(onboard: OnboardCatalog, camera: Camera, q: np.ndarray, sigma_px: float,
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
               false: int = 0, brightest_false: float = 1.0, exposed: np.ndarray | None = None
