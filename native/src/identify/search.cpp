@@ -19,7 +19,7 @@ constexpr double PREDICTION_COST_NS = 30.0, VERIFICATION_COST_NS = 250.0;
 // error, or less support than a chance one.
 constexpr double FINDS = 0.5;
 // W: to find a field is worth so much work.
-constexpr double WORTH_NS = 1e9;
+constexpr double WORTH_NS = 6e9;
 // Whether to end is looked at after so many triangles.
 constexpr int LOOK_PERIOD = 16;
 // A poor field has as few stars as one of ten, which is the easiest to accept, a rich one as many.
