@@ -85,7 +85,7 @@ def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
     os.utime(left, (50, 50))
     cached_pairs(onboard, NEAR, 0.19)
     sizes = first.stat().st_size + second.stat().st_size
-    monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (sizes - 1) / 0.9))
+    monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (sizes - 1)))
     cached_pairs(onboard, NEAR, 0.17)
     assert first.exists() and not second.exists() and not left.exists()
     assert len(list(cache_folder().iterdir())) == 2
