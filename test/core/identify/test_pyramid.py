@@ -43,7 +43,7 @@ def ends_after(matcher, count, tested=1000, most=1e-5, sigma_px=0.3, cost_ns=1e4
 def test_a_search_ends_when_an_acceptable_field_would_have_been_found(matcher):
     # Five of 15 stars have 10 of 455 triangles: half of all leaves (1 - 1/4)^10.
     ends = {count: ends_after(matcher, count) / comb(count, 3) for count in (8, 15, 30)}
-    assert all(0.05 < share < 0.8 for share in ends.values())
+    assert all(0.05 < share < 0.85 for share in ends.values())
     # More is needed where fewer stars can be accepted, as with less noise or fewer candidates.
     assert ends_after(matcher, 15, sigma_px=0.05) > ends_after(matcher, 15, sigma_px=1.0)
     assert ends_after(matcher, 15, tested=10) > ends_after(matcher, 15, tested=10 ** 6)
@@ -53,8 +53,9 @@ def test_a_search_ends_when_more_work_is_not_worth_it(matcher):
     """Ten times costlier triangles take hardly longer; of few stars all are looked up before."""
     ends = {(count, cost_ns): ends_after(matcher, count, cost_ns=cost_ns)
             for count in (15, 30, 60) for cost_ns in (1e4, 1e5)}
-    assert all(2 < ends[count, 1e4] / ends[count, 1e5] < 10 for count in (30, 60))
-    assert 0.02 < 1e4 * 1e-9 * ends[60, 1e4] < 1e5 * 1e-9 * ends[60, 1e5] < 0.1
+    assert all(1.5 < ends[count, 1e4] / ends[count, 1e5] < 10 for count in (30, 60))
+    # A field is worth six seconds: a hundredth to a twentieth of it is spent on 60 stars.
+    assert 0.05 < 1e4 * 1e-9 * ends[60, 1e4] < 1e5 * 1e-9 * ends[60, 1e5] < 0.3
     assert 1e4 * 1e-9 * ends[15, 1e4] < 0.005
 
 
