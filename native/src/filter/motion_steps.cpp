@@ -33,7 +33,7 @@ template <int MOST>
 double correct_by_rate(ModeState<MOST> &mode, int n, const Vector3 &measured, double variance) {
     auto &x = mode.mean;
     auto &P = mode.covariance;
-    double cross[CONSTANT + MOST][3], gain[CONSTANT + MOST][3];
+    double cross[CONSTANT + MOST][3]{}, gain[CONSTANT + MOST][3];
     for (int i = 0; i < n; ++i) {
         for (int k = 0; k < 3; ++k) {
             cross[i][k] = P[i][RATE + k] + P[i][DRIFT + k];
@@ -113,11 +113,12 @@ double correct_by_stars(const Matrix<SIZE, SIZE> &Y, const Vector<SIZE> &vector,
                         ModeState<MOST> &mode, int n) {
     auto &x = mode.mean;
     auto &P = mode.covariance;
-    double columns[CONSTANT + MOST][SIZE], rows[CONSTANT + MOST][SIZE];
+    double columns[CONSTANT + MOST][SIZE]{}, rows[CONSTANT + MOST][SIZE];
     for (int i = 0; i < n; ++i) {
         for (int k = 0; k < SIZE; ++k) {
             columns[i][k] = P[i][k];
             for (int j = first; j < last; ++j) {
+                // 0 <= first <= last <= 3. NOLINTNEXTLINE(clang-analyzer-security.ArrayBound)
                 columns[i][k] += P[i][ACCELERATION + j] * L[k][j];
             }
         }
@@ -127,6 +128,7 @@ double correct_by_stars(const Matrix<SIZE, SIZE> &Y, const Vector<SIZE> &vector,
     for (int i = 0; i < SIZE; ++i) {
         double predicted = x[i];
         for (int j = first; j < last; ++j) {
+            // NOLINTNEXTLINE(clang-analyzer-security.ArrayBound): as above
             predicted += L[i][j] * x[ACCELERATION + j];
         }
         away[i] = base[i] - predicted;

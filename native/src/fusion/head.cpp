@@ -304,6 +304,7 @@ bool Head::accept(HeadFrame &frame) {
     if (recent_count > 0 && recent[recent_count - 1].stamp_ns - frame.stamp_ns > RESTART_NS) {
         recent_count = 0;
     }
+    // It is 0 to 2. NOLINTNEXTLINE(clang-analyzer-security.ArrayBound)
     if (recent_count == 0 || frame.stamp_ns > recent[recent_count - 1].stamp_ns) {
         if (recent_count == 2) {
             recent[0] = recent[1];

@@ -381,6 +381,7 @@ void update_stars(int64_t stamp_ns, const st_centroid *centroids, int count,
                              : associate_filters(frame, stars, options, model, memory, work);
     int confirmed = 0;
     for (int n = 0; n < model.bank.count; ++n) {
+        // One place for each track. NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker)
         follow(model.bank[n], association, n, stars.places.uv[n], frame.uv, centroids,
                frame.variance);
         confirmed += model.bank[n].confirmed ? 1 : 0;
