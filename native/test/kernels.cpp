@@ -20,24 +20,12 @@
 #include "maths/gates.h"
 #include "maths/rotation.h"
 #include "maths/symmetric.h"
+#include "numbers.h"
 #include "sky/sky.h"
 
 using namespace st;
 
 namespace {
-
-/// Return a value of plain numbers out of an array, and into one.
-template <class T>
-T from(const double *numbers) {
-    T value;
-    std::memcpy(&value, numbers, sizeof(T));
-    return value;
-}
-
-template <class T>
-void into(double *numbers, const T &value) {
-    std::memcpy(numbers, &value, sizeof(T));
-}
 
 template <int N>
 int32_t factored(const double *symmetric, const double *right, double *lower, double *solution) {

@@ -5,8 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
+#include "numbers.h"
 #include "sky/apparent.h"
 #include "track/followed_stars.h"
 #include "track/frame_motion.h"
@@ -40,18 +40,6 @@ Arena work() {
 /// Return work memory of just so many bytes: what does not fit is a null pointer.
 Arena just(size_t bytes, Arena &arena) {
     return {arena.take<std::byte>(bytes), bytes};
-}
-
-template <class T>
-T from(const double *numbers) {
-    T value;
-    std::memcpy(&value, numbers, sizeof(T));
-    return value;
-}
-
-template <class T>
-void into(double *numbers, const T &value) {
-    std::memcpy(numbers, &value, sizeof(T));
 }
 
 Quaternion quaternion_of(const double q[4]) {

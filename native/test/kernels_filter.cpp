@@ -8,25 +8,13 @@
 #include "camera/lens.h"
 #include "filter/gyro.h"
 #include "filter/motion.h"
+#include "numbers.h"
 #include "track/correction.h"
 #include "track/rolling_shutter.h"
 
 using namespace st;
 
 namespace {
-
-/// Return a value of plain numbers out of an array, and into one.
-template <class T>
-T from(const double *numbers) {
-    T value;
-    std::memcpy(&value, numbers, sizeof(T));
-    return value;
-}
-
-template <class T>
-void into(double *numbers, const T &value) {
-    std::memcpy(numbers, &value, sizeof(T));
-}
 
 /// Motions are larger than the stack of a test may be.
 MotionWith<0> motion_of_tracker, spare_of_tracker;

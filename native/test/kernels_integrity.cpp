@@ -20,22 +20,11 @@
 #include "integrity/systematic_errors.h"
 #include "integrity/validation.h"
 #include "maths/normal.h"
+#include "numbers.h"
 
 using namespace st;
 
 namespace {
-
-template <class T>
-T from(const double *numbers) {
-    T value;
-    std::memcpy(&value, numbers, sizeof(T));
-    return value;
-}
-
-template <class T>
-void into(double *numbers, const T &value) {
-    std::memcpy(numbers, &value, sizeof(T));
-}
 
 /// Work memory of all functions; pages that none needs are never there.
 alignas(ALIGNMENT) std::byte memory[size_t{1} << 26];

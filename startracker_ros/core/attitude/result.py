@@ -4,11 +4,10 @@
 """An attitude with its statistics."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from startracker_ros.core.attitude.error_budget import ErrorBudget
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import east_and_north, matrix_from_quaternion
 
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
@@ -57,35 +56,6 @@ def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarra
     """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
     matrix = matrix_from_quaternion(q_icrf_from_sensor)
     return matrix @ covariance_sensor @ matrix.T
-
-
-LEAST_FLOW_PX_S = 10.0
-
-
-def pointing_covariance(common_px2: np.ndarray, camera: Camera,
-                        rate: np.ndarray | None = None) -> np.ndarray:
-    """
-    Return the covariance (3, 3) rad^2 about sensor axes of a shift of all stars, (2, 2) px^2.
-
-    In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px. Where
-    the body turns with a rate (3,) rad/s, a shift along the flow f of the stars is one of time,
-    by f / f^2, which turns the body about the boresight as well. That a shift is one of time is as
-    likely as not: a kick moves the stars in any direction.
-    """
-    turn = np.array([[0.0, 1 / camera.fy], [-1 / camera.fx, 0.0], [0.0, 0.0]])
-    if rate is not None:
-        flow = np.array([-camera.fx * rate[1], camera.fy * rate[0]])
-        turn[2] = rate[2] * flow / (flow @ flow + LEAST_FLOW_PX_S ** 2)
-    covariance = turn @ common_px2 @ turn.T
-    covariance[2, 2] *= 2
-    return covariance
-
-
-def with_correlated_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera
-                      ) -> AttitudeEstimate:
-    """Return an attitude whose covariance contains an error (2, 2) px^2 that all stars share."""
-    return replace(attitude, covariance_sensor=attitude.covariance_sensor
-                   + pointing_covariance(common_px2, camera))
 
 
 def pointing_sigma(q_icrf_from_sensor: np.ndarray, covariance_icrf: np.ndarray) -> np.ndarray:

@@ -98,12 +98,6 @@ class OnboardCatalog:
         # Numbers beyond either end are clipped to entries of no star.
         return index.take(np.asarray(hip) - first, mode='clip').astype(int)
 
-    def variation(self, star_index: np.ndarray) -> np.ndarray:
-        """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
-        if self.variation_mag is None:
-            return np.zeros(len(star_index))
-        return self.variation_mag[star_index]
-
     @cached_property
     def grid(self) -> SkyGrid:
         """Return the directions by cell."""

@@ -80,12 +80,6 @@ class Centroids:
                          self.common[chosen], self.exposure_s)
 
     @property
-    def are_streaks(self) -> bool:
-        """Return whether the errors are those of streaks: not the same along and across."""
-        difference = self.covariance[:, 0, 0] - self.covariance[:, 1, 1]
-        return bool(difference.any() or self.covariance[:, 0, 1].any())
-
-    @property
     def correlated_error(self) -> np.ndarray:
         """Return the covariance (2, 2) px^2 of the error that all stars share, zero for none."""
         if not len(self):
