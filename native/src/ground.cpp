@@ -57,9 +57,9 @@ private:
     }
 };
 
-/// As check_image(), of an image whose pixels are those of the camera.
+/// As check_pixels(), of an image whose pixels are those of the camera, not sums of them.
 st_status check(const st_tracker *tracker, const st_image *image) {
-    const st_status status = check_image(tracker, 0, image);
+    const st_status status = check_pixels(tracker, image);
     return status == ST_OK && image->cell != 1 ? ST_BAD_IMAGE : status;
 }
 

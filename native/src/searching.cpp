@@ -61,15 +61,20 @@ bool is_of_camera(const st_tracker &tracker, const st_image &image) {
 
 namespace st {
 
-st_status check_image(const st_tracker *tracker, int64_t stamp_ns, const st_image *image) {
+st_status check_pixels(const st_tracker *tracker, const st_image *image) {
     if (tracker == nullptr || image == nullptr || image->pixels == nullptr) {
         return ST_NULL_POINTER;
     }
     if (!has_stage(*tracker, ST_EXTRACTS)) {
         return ST_NO_STAGE;
     }
-    if (!is_of_camera(*tracker, *image)) {
-        return ST_BAD_IMAGE;
+    return is_of_camera(*tracker, *image) ? ST_OK : ST_BAD_IMAGE;
+}
+
+st_status check_image(const st_tracker *tracker, int64_t stamp_ns, const st_image *image) {
+    const st_status status = check_pixels(tracker, image);
+    if (status != ST_OK) {
+        return status;
     }
     return stamp_ns < 0 || !std::isfinite(image->exposure_s) || image->exposure_s < 0
                ? ST_BAD_INPUT

@@ -78,6 +78,8 @@ st_status make_tracker(void *memory, size_t bytes, const st_config &config,
 st_status check_tracker(const st_config *config, const st_camera *camera, st_fault *fault);
 
 /// Whether a tracker extracts stars, and an image is one of its camera.
+st_status check_pixels(const st_tracker *tracker, const st_image *image);
+/// And whether its stamp and exposure are possible.
 st_status check_image(const st_tracker *tracker, int64_t stamp_ns, const st_image *image);
 
 /// Whether a tracker has a stage, and a frame is one that it takes; exposure_s may be null.
