@@ -72,12 +72,8 @@ int main(int count, char **arguments) {
         fprintf(stderr, "usage: fuzz_sky CORPUS ROUNDS SEED\n");
         return 2;
     }
-    char path[4096];
-    snprintf(path, sizeof path, "%s/sky.json", arguments[1]);
-    json *document = json_read(path);
-    const json *first = json_member(document, "cases")->first;
     uint64_t bytes = 0;
-    uint8_t *file = sky_file(json_member(json_member(first, "input"), "sections"), &bytes);
+    uint8_t *file = first_sky(arguments[1], &bytes);
     const uint64_t rounds = strtoull(arguments[2], NULL, 10),
                    seed = strtoull(arguments[3], NULL, 10);
     int failures = 0;
@@ -86,6 +82,5 @@ int main(int count, char **arguments) {
     }
     printf("%" PRIu64 " rounds, %d failures\n", rounds, failures);
     free(file);
-    json_free(document);
     return failures != 0;
 }

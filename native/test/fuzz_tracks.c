@@ -324,12 +324,8 @@ int main(int count, char **arguments) {
         fprintf(stderr, "usage: fuzz_tracks CORPUS ROUNDS SEED\n");
         return 2;
     }
-    char path[4096];
-    snprintf(path, sizeof path, "%s/sky.json", arguments[1]);
-    json *document = json_read(path);
-    const json *first = json_member(document, "cases")->first;
     uint64_t bytes = 0;
-    uint8_t *made = sky_file(json_member(json_member(first, "input"), "sections"), &bytes);
+    uint8_t *made = first_sky(arguments[1], &bytes);
     uint8_t *file = sky_copy(made, bytes);
     const st_sky opened = {file, bytes};
     if (st_check_sky(&opened, NULL) != ST_OK) {
@@ -347,6 +343,5 @@ int main(int count, char **arguments) {
     printf("%" PRIu64 " rounds, %d failures\n", rounds, failures);
     free(file);
     free(made);
-    json_free(document);
     return failures != 0;
 }

@@ -116,3 +116,13 @@ uint8_t *sky_file(const json *sections, uint64_t *bytes) {
     *bytes = end;
     return file;
 }
+
+uint8_t *first_sky(const char *corpus, uint64_t *bytes) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/sky.json", corpus);
+    json *document = json_read(path);
+    const json *first = json_member(document, "cases")->first;
+    uint8_t *file = sky_file(json_member(json_member(first, "input"), "sections"), bytes);
+    json_free(document);
+    return file;
+}

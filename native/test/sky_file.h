@@ -17,6 +17,9 @@ enum { SKY_CHECKSUM = 12, SKY_BYTES = 16, SKY_CHECKED_FROM = SKY_BYTES };
  * is not of a known type ends the program. The caller frees it. */
 uint8_t *sky_file(const json *sections, uint64_t *bytes);
 
+/* That of the first case of sky.json in the folder of the corpus. The caller frees it. */
+uint8_t *first_sky(const char *corpus, uint64_t *bytes);
+
 /* CRC-32 of ISO 3309. */
 uint32_t crc32(const uint8_t *bytes, uint64_t count);
 
