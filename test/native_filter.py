@@ -40,7 +40,8 @@ class Motion(NamedTuple):
     The motion at a time.
 
     quaternion (4,); of the modes mean (9, N), covariance (9, N, N), weight and share (9,);
-    noise (3,), interval_s, frames, swing (20,).
+    noise (3,), interval_s, frames, swing (20,);
+    jumps (3,), squares over those of the noise, mean of seen_jumps.
     """
 
     stamp_ns: int
@@ -53,6 +54,8 @@ class Motion(NamedTuple):
     interval_s: float
     frames: float
     swing: np.ndarray
+    jumps: np.ndarray = np.ones(3)
+    seen_jumps: float = 1.0
 
 
 class _State(ctypes.Structure):
@@ -64,7 +67,8 @@ class _Motion(ctypes.Structure):
     _fields_ = [('stamp_ns', ctypes.c_int64), ('constants', _WHOLE), ('wide', _WHOLE),
                 ('quaternion', _REAL * 4), ('weight', _REAL * MODES), ('share', _REAL * MODES),
                 ('noise', _REAL * 3), ('interval_s', _REAL), ('frames', _REAL),
-                ('swing', _REAL * 20), ('mean', _POINTER), ('covariance', _POINTER)]
+                ('swing', _REAL * 20), ('jumps', _REAL * 3), ('seen_jumps', _REAL),
+                ('mean', _POINTER), ('covariance', _POINTER)]
 
 
 class _Gyro(ctypes.Structure):
@@ -146,10 +150,10 @@ class _NativeMotion:
         self.mean, self.covariance = _reals(motion.mean), _reals(motion.covariance)
         self.struct = _Motion(
             int(motion.stamp_ns), self.mean.shape[1] - 12, wide,
-            interval_s=motion.interval_s, frames=motion.frames,
+            interval_s=motion.interval_s, frames=motion.frames, seen_jumps=motion.seen_jumps,
             mean=self.mean.ctypes.data, covariance=self.covariance.ctypes.data)
         self.struct.owner = self
-        for name in ('quaternion', 'weight', 'share', 'noise', 'swing'):
+        for name in ('quaternion', 'weight', 'share', 'noise', 'swing', 'jumps'):
             _into(getattr(self.struct, name), getattr(motion, name))
 
     @property
@@ -161,7 +165,8 @@ class _NativeMotion:
         one = self.struct
         return Motion(one.stamp_ns, np.array(one.quaternion), self.mean.copy(),
                       self.covariance.copy(), np.array(one.weight), np.array(one.share),
-                      np.array(one.noise), one.interval_s, one.frames, np.array(one.swing))
+                      np.array(one.noise), one.interval_s, one.frames, np.array(one.swing),
+                      np.array(one.jumps), one.seen_jumps)
 
 
 class Filter(NamedTuple):

@@ -69,6 +69,8 @@ void read(const stt_motion &given, MotionWith<MOST> &motion) {
     motion.noise_rad2 = from<Vector3>(given.noise);
     motion.interval_s = given.interval_s;
     motion.frames = given.frames;
+    motion.jumps = from<Vector3>(given.jumps);
+    motion.seen_jumps = given.seen_jumps;
     motion.swing = from<Swing>(given.swing);
     set_constants(motion.constants, given.constants);
     const int n = CONSTANT + given.constants;
@@ -91,6 +93,8 @@ void write(const MotionWith<MOST> &motion, stt_motion &to) {
     into(to.noise, motion.noise_rad2);
     to.interval_s = motion.interval_s;
     to.frames = motion.frames;
+    into(to.jumps, motion.jumps);
+    to.seen_jumps = motion.seen_jumps;
     into(to.swing, motion.swing);
     const int n = motion.size();
     for (int j = 0; j < MODES; ++j) {

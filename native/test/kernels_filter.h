@@ -25,6 +25,7 @@ typedef struct {
     int64_t stamp_ns;
     int32_t constants, wide;
     double quaternion[4], weight[9], share[9], noise[3], interval_s, frames, swing[20];
+    double jumps[3], seen_jumps;
     double *mean, *covariance;
 } stt_motion;
 

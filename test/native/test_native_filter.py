@@ -4,6 +4,7 @@
 """
 The filter of the native core: as it was in Python (filter.npz), by textbook filters, by motions.
 
+Predictions of the record and how motions go on are those since sudden modes begin by their share.
 Sums keep their order: numbers of a record are equal to 1e-12 of their own sigma, those behind an
 inverse or a product of matrices to 1e-9.
 """
@@ -438,6 +439,22 @@ def test_the_modes_of_a_frame_have_the_probabilities_of_its_likelihoods():
         np.linalg.det(S))
     expected = motion.weight * likelihood
     np.testing.assert_allclose(after.weight, expected / expected.sum(), rtol=1e-6)
+
+
+def test_a_jump_about_the_axis_of_those_before_is_more_probable():
+    rng = np.random.default_rng(7)
+    steps = np.repeat(rng.uniform(-12, 12, 20), 10) * SIGMA
+    *_, (motion, _) = flown(np.cumsum(steps), rng, (0.0, 0.0, 1.0))
+    assert motion.jumps[:2].max() < 0.1 * motion.jumps[2]
+    # A step of three sigma, of which the noise of the frame hides one.
+    sudden = []
+    for jumps in (motion.jumps, np.ones(3)):
+        before = stepped(motion._replace(jumps=jumps))
+        mean = before.mean[STEADY, :3] + np.array([0.0, 0.0, 2.0]) * SIGMA
+        after = TRACKER.updated(before, before.quaternion, np.zeros(3), np.eye(3) / SIGMA ** 2,
+                                mean / SIGMA ** 2, np.zeros((3, 3)), np.zeros(3))
+        sudden.append(after.weight[4])
+    assert sudden[0] > 5 * sudden[1], sudden
 
 
 def test_frames_one_after_the_other_are_one_batch():

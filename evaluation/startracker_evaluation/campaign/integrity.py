@@ -185,7 +185,8 @@ FRAMES = 400
 _SUBSTEPS = 10
 _SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
 _PIECE = 4
-LIST_RUNS = 3  # of star lists, which take less time, for each run of images
+LIST_RUNS = 5  # of star lists, which take less time, for each run of images,
+MOTION_RUNS = 7  # and of lists of motions: the default shows whether a row holds
 
 
 @dataclass(frozen=True)
@@ -290,15 +291,14 @@ class IntegrityRow:
 
 
 def integrity_runs(name: str, trials: int, seed: int) -> Tally:
-    """Return the tally of so many runs of one condition, or LIST_RUNS times as many of lists."""
+    """Return the tally of so many runs of one condition, or more of lists."""
     if name in IMAGE_CONDITIONS:
         return image_runs(name, trials, seed)
-    runs = LIST_RUNS * trials
     if name in MOTION_CONDITIONS:
         # The runs have seeds in turn, as the trials of one part after the other.
-        return motion_runs(name, runs, LIST_RUNS * seed)
+        return motion_runs(name, MOTION_RUNS * trials, MOTION_RUNS * seed)
     rng = np.random.default_rng(seed)
-    return sum((_run(CONDITIONS[name], rng) for _ in range(runs)), Tally())
+    return sum((_run(CONDITIONS[name], rng) for _ in range(LIST_RUNS * trials)), Tally())
 
 
 def _rates(condition: Condition, rng: np.random.Generator) -> np.ndarray:
@@ -439,7 +439,7 @@ def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
 
 def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                            scheduler: str = '') -> Result:
-    """Follow trials runs in each condition, LIST_RUNS times as many of star lists."""
+    """Follow trials runs in each condition, more of star lists."""
     names, tallies = tuple(dict.fromkeys(only or ALL_CONDITIONS)), Trials()
     for name in names:
         tallies.add(integrity_runs, (name,), trials, _PIECE,
@@ -455,7 +455,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits, '
                   'spots and slow repetitions come after 10 clean frames',
         'lists of motions': f'the rows "list, ...": centroids of {MOTION_SIGMA_PX:g} px in the '
-                            f'centre of the light; runs of {MOTION_FRAMES} frames, {LIST_RUNS} '
+                            f'centre of the light; runs of {MOTION_FRAMES} frames, {MOTION_RUNS} '
                             'for each trial',
         'published_percent': 'star lists: of all frames; images and lists of motions: of the '
                              'frames after the two of a start, or after the clean ones; start '

@@ -66,6 +66,26 @@ Weights by_experience(const Weights &weight, const Weights &share) {
     return normalised(seen);
 }
 
+double sigmas_of(const Mode &mode, const Vector3 &noise_rad2, double interval_s,
+                 const Vector3 &acceleration) {
+    if (mode.kind != Kind::STEADY && mode.kind != Kind::JUMP) {
+        return mode.size;
+    }
+    const double largest = larger(larger(acceleration[0], acceleration[1]), acceleration[2]);
+    return mode.size * largest * square(interval_s) / std::sqrt(3 * noise_rad2[0]);
+}
+
+Vector3 noise_of(const Mode &mode, const Vector3 &noise_rad2, const Vector3 &jumps) {
+    Vector3 noise = noise_rad2;
+    if (mode.kind == Kind::TORQUE && mode.size >= SUDDEN_SIZE) {
+        const double largest = larger(larger(jumps[0], jumps[1]), jumps[2]);
+        for (int axis = 0; axis < 3; ++axis) {
+            noise[axis] *= larger(jumps[axis] / largest, LEAST_SPREAD * LEAST_SPREAD);
+        }
+    }
+    return noise;
+}
+
 Transition transition_of(const Mode &mode, double tau_s, double w2, const Vector3 &noise_rad2,
                          double interval_s, const Vector3 &acceleration) {
     Transition step{identity<3>(), {}};

@@ -15,6 +15,7 @@ namespace st {
 
 constexpr double STAYS = 0.95;        // probability that a mode lasts to the next frame
 constexpr double NEGLIGIBLE = 1e-2;   // share of a mode that is not mixed into it
+constexpr double LEAST_SPREAD = 0.1;  // of jumps about an axis, to the largest one
 constexpr double LEAST_SHARE = 1e-4;  // of modes that were not seen for long
 
 /// The elements of the error state of a mode that a state has: not the acceleration.
@@ -89,31 +90,40 @@ void mix(const Weights &weight, const ModeState<MOST> *modes, int n, ModeState<M
     mix(weight, x, P, n, mixture.mean, mixture.covariance);
 }
 
+/// Return the sigmas of a frame that the prediction of a mode is off by.
+double sigmas_of(const Mode &mode, const Vector3 &noise_rad2, double interval_s,
+                 const Vector3 &acceleration);
+
 /// Fill the modes before a prediction and return their weights: each is what the modes before,
 /// with weights mu, come to if it is the one that goes on. least are the least shares. No mode but
 /// the first has more than the largest acceleration of the jumps.
 template <int MOST>
 Weights mix_modes(const MotionWith<MOST> &motion, const Weights &before,
                   const Vector3 &acceleration, const Weights &least, ModeState<MOST> *modes) {
-    Weights share = motion.share + least;
+    const double most =
+        sigmas_of(MODE[MODES - 1], motion.noise_rad2, motion.interval_s, acceleration);
+    Weights share = motion.share + least, jumps{};
     for (int j = 0; j < MODES; ++j) {
         // Without a frequency it is the torque of the same size.
         if (MODE[j].kind == Kind::SWING && motion.swing.w2 == 0) {
             share[j] = 0.0;
         }
-        const double shown = MODE[j].size * std::sqrt(3 * motion.noise_rad2[0]) /
-                             (motion.interval_s * motion.interval_s);
-        if (j > 0 && MODE[j].kind != Kind::JUMP &&
-            shown > MODE[MODES - 1].size *
-                        larger(larger(acceleration[0], acceleration[1]), acceleration[2])) {
+        const double sigmas =
+            sigmas_of(MODE[j], motion.noise_rad2, motion.interval_s, acceleration);
+        if (j > 0 && MODE[j].kind != Kind::JUMP && sigmas > most) {
             share[j] = 0.0;
+        }
+        if ((SUDDEN >> j & 1U) != 0 && sigmas > WRONG_SIGMAS) {
+            jumps[j] = motion.share[j];
         }
     }
     share = normalised(share);
+    // A body that jumps does so as often whatever it did in the frame before.
+    const double stays = STAYS * (1 - sum(jumps));
     Weights weight;
     for (int j = 0; j < MODES; ++j) {
-        Weights to_j = scaled(before, (1 - STAYS) * share[j]);
-        to_j[j] += before[j] * STAYS;
+        Weights to_j = scaled(before, (1 - STAYS) * share[j] + STAYS * jumps[j]);
+        to_j[j] += before[j] * stays;
         weight[j] = sum(to_j);
         if (weight[j] == 0) {
             modes[j] = motion.mode[j];
@@ -127,6 +137,11 @@ Weights mix_modes(const MotionWith<MOST> &motion, const Weights &before,
     }
     return weight;
 }
+
+/// Return the noise of a frame that a mode is in units of: that of sudden torques is smaller about
+/// axes about which the body was hardly seen to jump. A jump about one of them alone would seem
+/// improbable otherwise, as the others did not move.
+Vector3 noise_of(const Mode &mode, const Vector3 &noise_rad2, const Vector3 &jumps);
 
 /// F of [turn, rate, acceleration], the same for each axis and without the turn of the axes, and Q
 /// of each axis.

@@ -11,7 +11,8 @@ namespace st {
 
 namespace {
 
-constexpr double FIRST_FRAMES = 5.0;               // that the shares are the means of
+constexpr double FIRST_FRAMES = 5.0;  // that the shares are the means of
+constexpr double FIRST_JUMP = SUDDEN_SIZE * SUDDEN_SIZE;
 constexpr double FIRST_ACCELERATION = M_PI / 180;  // rad/s^2, 1 sigma, before the first frame
 
 }  // namespace
@@ -25,6 +26,8 @@ void start_motion(const StateWith<MOST> &state, const double *constants, const V
     motion.noise_rad2 = noise_rad2;
     motion.interval_s = interval_s;
     motion.frames = FIRST_FRAMES;
+    motion.jumps = {{FIRST_JUMP, FIRST_JUMP, FIRST_JUMP}};
+    motion.seen_jumps = 1.0;
     motion.swing = {};
     interrupt_motion(motion);
     for (int j = 0; j < MODES; ++j) {
@@ -91,6 +94,8 @@ void resume_motion(const MotionWith<MOST> &known, MotionWith<MOST> &motion) {
     motion.noise_rad2 = known.noise_rad2;
     motion.interval_s = known.interval_s;
     motion.frames = known.frames;
+    motion.jumps = known.jumps;
+    motion.seen_jumps = known.seen_jumps;
     motion.swing = known.swing;
 }
 

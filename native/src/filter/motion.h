@@ -13,7 +13,8 @@
 //     each is predicted and updated by the frame,  mu_j = c_j L_j / sum c_k L_k,
 //
 // L_j the likelihood of the frame. p_ij is STAYS if the mode does not change, else by the share
-// that mode j had in the frames before: of a body that turns steadily none is left for jumps.
+// that mode j had in the frames before: of a body that turns steadily none is left for jumps. Sudden
+// modes that show in a frame begin by that share whatever the mode before.
 //
 // The error state of a mode is [turn, rate, acceleration, drift] about sensor axes and constants
 // that walk at random, as the mounts of several heads on a body do. Modes:
@@ -88,8 +89,9 @@ constexpr ModeSet modes_of(Predicate is_one) {
     return modes;
 }
 
+constexpr double SUDDEN_SIZE = 20.0;
 /// Modes of motions that begin within a frame, and of smooth ones.
-constexpr ModeSet SUDDEN = modes_of([](const Mode &mode) { return mode.size >= 20.0; });
+constexpr ModeSet SUDDEN = modes_of([](const Mode &mode) { return mode.size >= SUDDEN_SIZE; });
 constexpr ModeSet SMOOTH = modes_of([](const Mode &mode) { return mode.size < 2.0; });
 constexpr ModeSet ONLY_STEADY = 1U;
 /// Modes tried one after the other where a frame is not as the mixture of all has it.
@@ -138,6 +140,8 @@ struct MotionSummary {
     Weights weight;         // probabilities of the modes
     Weights share;          // their means in the frames before,
     double frames;          // of so many
+    Vector3 jumps;          // mean squares of sudden turns, over noise_rad2,
+    double seen_jumps;      // of so many
     Vector3 noise_rad2;     // variance of the attitude that the stars of a frame measure
     double interval_s;      // of the frames, 0 while unknown
     Swing swing;

@@ -74,7 +74,8 @@ TurnAndRate ahead(const Motion &motion, const Weights &weight, const ModeState<0
         Vector<CONSTANT> state = modes[j].mean;
         auto whole = block<SIZE, SIZE>(modes[j].covariance, 0, 0);
         const Vector3 turn = turn_of(state.element, mode.kind, tau_s, motion.swing);
-        const Transition step = transition_of(mode, tau_s, motion.swing.w2, motion.noise_rad2,
+        const Transition step = transition_of(mode, tau_s, motion.swing.w2,
+                                              noise_of(mode, motion.noise_rad2, motion.jumps),
                                               motion.interval_s, acceleration);
         const Matrix3 A = transposed(matrix_from_rotation_vector(turn));
         const Vector3 turned_by = turn + A * part(state.element, TURN);

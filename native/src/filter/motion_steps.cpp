@@ -13,6 +13,7 @@ namespace st {
 
 namespace {
 
+constexpr double MOST_JUMPS = 20.0;    // that the spread of jumps is the mean of
 constexpr double MOST_FRAMES = 200.0;  // that the shares are the means of
 constexpr double SWING_MEMORY = 0.93;  // of the sums of the fit of w
 constexpr double FASTEST = -1.0;       // 2 cos(w dt): three frames in a period
@@ -224,7 +225,8 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
             const double dt_s = rates.dt_s[k];
             const Quaternion turn =
                 quaternion_from_rotation_vector(turn_of(x, mode.kind, dt_s, swing));
-            const Transition step = transition_of(mode, dt_s, swing.w2, before.noise_rad2,
+            const Transition step = transition_of(mode, dt_s, swing.w2,
+                                                  noise_of(mode, before.noise_rad2, before.jumps),
                                                   before.interval_s, noise.acceleration_rad_s2);
             carry_mean(x, step.F, mode.kind, swing);
             carry(P, n, transposed(matrix_from_quaternion(turn)), step.F);
@@ -264,7 +266,15 @@ void update_motion(const MotionMeasurement<MOST> &measured, MotionWith<MOST> &mo
     for (int j = 0; j < MODES; ++j) {
         motion.share[j] += (seen[j] - motion.share[j]) / motion.frames;
     }
+    const Quaternion predicted = motion.quaternion;
     about_mean(motion);
+    const double sudden = total_weight(motion.weight, SUDDEN);
+    const Vector3 moved = rotation_between(predicted, motion.quaternion);
+    motion.seen_jumps = std::fmin(motion.seen_jumps + sudden, MOST_JUMPS);
+    for (int axis = 0; axis < 3; ++axis) {
+        motion.jumps[axis] += sudden / motion.seen_jumps *
+                              (square(moved[axis]) / motion.noise_rad2[axis] - motion.jumps[axis]);
+    }
 }
 
 /// The frequency of a swing: three turns from frame to frame in a row of a body that swings with

@@ -587,23 +587,22 @@ void AttitudeModel::doubt_jump(const AttitudeState &before, const Hypothesis &hy
     const double doubt = sudden * std::fmax(std::fmin(frame.exposure_s[1] / interval_s, 1.0),
                                             JUMP_IN_FRAME.probability);
     const Matrix3 own = block(covariance_, 0, 0);
-    const Jump displaced = jump_;
-    const bool is_displaced =
-        displaced.any && st::is_displaced(displaced, state_.rate_rad_s, block(covariance_, 3, 3));
-    const bool jumps = !is_displaced && total_weight(motion_.weight, SMOOTH) < 0.5;
+    const bool is_displaced = st::is_displaced(jump_, state_.rate_rad_s, block(covariance_, 3, 3));
+    const bool jumps = total_weight(motion_.weight, SMOOTH) < 0.5;
+    jump_.left = std::max(jump_.left - 1, 0);
     if (jumps || doubt > 2 * MISSED_LIGHT) {
         const Vector3 moved =
             rotation_between(state_of(*hypothesis.motion).quaternion, state_.quaternion);
         const double off = ACROSS * across(moved, before.rate_rad_s);
         add_block(covariance_deficit(own, moved, off, doubt), 0, covariance_);
-        if (jumps) {
+        if (jumps && !is_displaced) {
             jump_ = {true, before.rate_rad_s, moved, DISPLACED.frames};
+        } else if (jumps && norm(moved) > norm(jump_.moved_rad)) {
+            jump_.moved_rad = moved;
         }
     }
     if (is_displaced) {
-        add_block(covariance_deficit(own, displaced.moved_rad, 0.0, 1.0), 0, covariance_);
-        jump_ = displaced;
-        --jump_.left;
+        add_block(covariance_deficit(own, jump_.moved_rad, 0.0, 1.0), 0, covariance_);
     }
     if (jump_.any) {
         const double variance = unseen_variance(jump_, total_weight(motion_.share, SUDDEN));
