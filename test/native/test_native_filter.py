@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The filter of the native core: as it was in Python (filter.npz), by textbook filters, by motions.
+The filter of the native core: as recorded (filter.npz), by textbook filters, by motions.
 
-Predictions of the record and how motions go on are those since sudden modes begin by their share.
 Sums keep their order: numbers of a record are equal to 1e-12 of their own sigma, those behind an
 inverse or a product of matrices to 1e-9.
 """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The fusion of heads of the native core: as it was in Python (fusion.npz), and by properties.
+The fusion of heads of the native core: as recorded (fusion.npz), and by properties.
 
 Of a scene fusion.npz has options, mounts (N, 4), events (E, 3) of kind (0 rate, 1 frame, 2
 temperature), head and stamp, numbers of these; of each frame valid (F,), states (F, N) and codes

@@ -13,7 +13,7 @@ from scipy.stats import binom
 from skies import SMALL_CAMERA
 from startracker_evaluation.campaign import integrity
 from startracker_evaluation.campaign.integrity import (
-    CONDITIONS, IMAGE_CONDITIONS, integrity_runs, LIST_RUNS)
+    CONDITIONS, IMAGE_CONDITIONS, integrity_runs, LIST_RUNS, MOTION_RUNS)
 from startracker_evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -89,7 +89,7 @@ def test_the_command_runs_both_kinds(one_process):
     done = invoke('campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
                   '--only', 'start with 100 spots')
     lists, images = json.loads(done.stdout)['rows']
-    assert lists['condition'] == 'steady turn' and lists['frames'] == 1200
+    assert lists['condition'] == 'steady turn' and lists['frames'] == 2000
     assert lists['published_percent'] == pytest.approx(99.5)
     assert lists['rates_beyond_5_sigma'] == 0 and 0.2 < lists['rates_mean_nees'] < 3
     # 1200 frames show no share below 1e-4.
@@ -162,7 +162,7 @@ def test_no_run_of_a_campaign_is_counted_twice(monkeypatch):
         range(seed, seed + runs)))
     for part in split_trials(22, 4, 7):
         integrity_runs('list, no sway', *part)
-    assert len(seeds) == len(set(seeds)) == 22 * LIST_RUNS
+    assert len(seeds) == len(set(seeds)) == 22 * MOTION_RUNS
 
 
 def test_tallies_add_up():
