@@ -92,8 +92,8 @@ def test_the_command_runs_both_kinds(one_process):
     assert lists['condition'] == 'steady turn' and lists['frames'] == 2000
     assert lists['published_percent'] == pytest.approx(99.5)
     assert lists['rates_beyond_5_sigma'] == 0 and 0.2 < lists['rates_mean_nees'] < 3
-    # 1200 frames show no share below 1e-4.
-    assert lists['wrong'] == 0 and lists['wrong_below'] == pytest.approx(3 / 1200, rel=0.01)
+    # 2000 frames show no share below 1e-4.
+    assert lists['wrong'] == 0 and lists['wrong_below'] == pytest.approx(3 / 2000, rel=0.01)
     assert lists['holds'] is None and 1.5 <= lists['mean_nees'] <= 3.8
     assert '0 gross, NEES 1.5 .. 3.8' in lists['bound']
     assert images['frames'] == 10 and images['published_percent'] in (0, 100)
