@@ -5,7 +5,7 @@
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
 
 BRIGHTEST = 30

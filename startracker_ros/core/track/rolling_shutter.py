@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import conjugate, rotate
 
