@@ -44,7 +44,7 @@ class PassedMessage:
     It is serialized where DDS needs it, and read where a field other than the header is.
     """
 
-    def __init__(self, message_type: type, header: Header, value: Any,
+    def __init__(self, message_type: Any, header: Header, value: Any,
                  serialize: Callable[[], bytes]) -> None:
         self._message_type, self._serialize = message_type, serialize
         self.header, self.value = header, value
