@@ -33,7 +33,7 @@ from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
     covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.catalog.star_file import star_arrays
 from startracker_ros.core.centroid.centroids import Centroids, round_errors
 from startracker_ros.core.centroid.synthetic_field import star_list

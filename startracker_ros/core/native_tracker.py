@@ -25,7 +25,6 @@ MOST_CENTROIDS = 5000
 """Capacity of lists of centroids, the brightest; what is not used takes no memory."""
 
 _SKY = 'native_sky'
-_NUMBERS = native.CENTROID.itemsize // 8
 _ABERRATION = ('none', 'earth_only', 'full')
 _UNKNOWN = np.full(3, np.nan)
 
@@ -91,18 +90,7 @@ def native_sky(onboard: OnboardCatalog) -> np.ndarray:
 
 def native_centroids(centroids: Centroids) -> np.ndarray:
     """Return a table (N,) of CENTROID as an array (N, 12), of MOST_CENTROIDS at most."""
-    if len(centroids) > MOST_CENTROIDS:
-        centroids = centroids.select(slice(MOST_CENTROIDS))
-    count = len(centroids)
-    table = np.empty((count, _NUMBERS))
-    table[:, :2] = centroids.uv
-    table[:, 2], table[:, 3], table[:, 4] = centroids.flux, centroids.snr, centroids.sigma_px
-    covariance, common = centroids.covariance, centroids.common
-    table[:, 5], table[:, 6], table[:, 7] = (
-        covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1])
-    table[:, 8], table[:, 9], table[:, 10] = common[:, 0, 0], common[:, 0, 1], common[:, 1, 1]
-    table[:, 11] = centroids.delay_s
-    return table
+    return np.ascontiguousarray(centroids.table()[:MOST_CENTROIDS])
 
 
 def native_identified(hip: np.ndarray, count: int) -> np.ndarray:

@@ -9,6 +9,8 @@ from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
+from startracker_ros.ros.messages.serialized import PassedMessage
+from std_msgs.msg import Header
 
 
 class IntraProcessPublisher:
@@ -31,9 +33,17 @@ class IntraProcessPublisher:
         external = self._transient_local or self._publisher.get_subscription_count()
         if self._composition.subscription_count(self._topic):
             self._composition.deliver(
-                self._topic, message, self._publisher.publish if external else None)
+                self._topic, message, self._publish_external if external else None)
         elif external:
-            self._publisher.publish(message)
+            self._publish_external(message)
+
+    def publish_value(self, header: Header, value: Any, serialize: Callable[[], bytes]) -> None:
+        """Publish a value, of which only other processes need what serialize() returns."""
+        self.publish(PassedMessage(self._publisher.msg_type, header, value, serialize))
+
+    def _publish_external(self, message: Any) -> None:
+        self._publisher.publish(
+            message.serialized if isinstance(message, PassedMessage) else message)
 
     def get_subscription_count(self) -> int:
         """Return the number of subscriptions, of this process and of others."""

@@ -26,7 +26,7 @@ from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.options import Options
 from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros import parameters, qos
-from startracker_ros.ros.composition import Composition
+from startracker_ros.ros.composition import Composition, IntraProcessPublisher
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.executables import NODES, WRONG_USE
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
@@ -35,6 +35,7 @@ from startracker_ros.ros.memory import choose_segment, remove_left_behind
 from startracker_ros.ros.messages.rclpy_internals import take_all
 from startracker_ros.ros.messages.serialized import deserialized, is_read_here
 from startracker_ros.ros.shutdown import exit_after, Shutdown
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 try:
@@ -280,6 +281,15 @@ def publish_if_subscribed(publisher: Any, message: Callable[[], Any]) -> None:
     """Publish what message() returns; without a subscription it is not made."""
     if publisher.get_subscription_count():
         publisher.publish(message())
+
+
+def publish_value(publisher: Any, header: Header, value: Any, serialize: Callable[[], bytes]
+                  ) -> None:
+    """Publish what serialize() returns; nodes of this process receive the value itself."""
+    if isinstance(publisher, IntraProcessPublisher):
+        publisher.publish_value(header, value, serialize)
+    else:
+        publisher.publish(serialize())
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:

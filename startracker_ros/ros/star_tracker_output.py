@@ -3,6 +3,8 @@
 
 """What the star tracker publishes: its state, expected centroids, and its target."""
 
+from functools import partial
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
@@ -24,7 +26,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_to_message
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.node import PipelineNode, publish_value
 from startracker_ros.ros.odometry_input import OdometryInput
 from std_msgs.msg import Header
 
@@ -132,7 +134,10 @@ class PredictionsOutput:
         predicted = tracker.predicted
         if predicted is not None and targets is not None:
             predicted = predicted.joined(targets)
-        self._publisher.publish(predictions_to_message(predicted, header, bodies))
+        publish_value(
+            self._publisher, header,
+            (predicted or PredictedCentroids.none(ns_from_stamp(header.stamp)), bodies),
+            partial(predictions_to_message, predicted, header, bodies))
 
 
 def _bodies(tracker: TrackFilter, camera: Camera, stamp_ns: int) -> tuple[BodyInImage, ...]:

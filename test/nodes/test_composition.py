@@ -10,15 +10,20 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import Imu
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.attitude import (
+    quaternion_from_message, tracked_attitude_to_imu)
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.node import publish_value
 from startracker_ros.ros.processes import node_command, node_environment
 from std_srvs.srv import Trigger
 
+HEADER = make_header(1, 'sensor')
 SKY = {'sky_simulator:width': 512, 'sky_simulator:height': 512,
        'sky_simulator:motion': 'constant_rate', 'sky_simulator:rate_deg_s': [0.05, 0.1, 0.02],
        'sky_simulator:wait_for_camera_users': 4}
@@ -29,6 +34,7 @@ class Line:
 
     def __init__(self, topic, subscribers=0):
         self.topic_name, self.subscribers, self.sent = topic, subscribers, []
+        self.msg_type = Imu
 
     def publish(self, message):
         self.sent.append(message)
@@ -65,6 +71,25 @@ def test_who_listens_elsewhere_hears_too():
     composition.advertise(last, True).publish(2)
     assert heard.sent == [1]
     assert last.sent == [2], 'who comes later wants the last message'
+
+
+def test_a_value_is_serialized_for_other_processes_alone():
+    composition, taken, made = Composition(), [], []
+
+    def serialize():
+        made.append(True)
+        return tracked_attitude_to_imu(None, HEADER)
+    here, elsewhere = Line('/here'), Line('/elsewhere', subscribers=1)
+    for line in (here, elsewhere):
+        composition.subscribe(line.topic_name, taken.append, pytest.fail)
+        publish_value(composition.advertise(line, False), HEADER, 'value', serialize)
+        assert len(made) == len(line.sent) == line.subscribers
+    publish_value(alone := Line('/alone'), HEADER, 'value', serialize)
+    assert alone.sent == elsewhere.sent == [serialize()]
+    assert [message.value for message in taken] == ['value', 'value']
+    assert taken[0].header is HEADER
+    # Who does not know the value reads the message.
+    assert taken[0].orientation_covariance[0] == -1
 
 
 def test_who_listens_elsewhere_hears_after_those_here():

@@ -19,7 +19,7 @@ from startracker_evaluation.campaign.jpdaf_methods import (
 from startracker_evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, GYRO, make_run, PUBLISHED,
     Run, STARS)
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, quaternion_from_rotation_vector,

@@ -16,7 +16,7 @@ import numpy as np
 from startracker_evaluation.campaign.integrity import NEES_BOUNDS
 from startracker_evaluation.campaign.integrity_motion import (
     attitudes, by_rows, LINE_TIME_S, MAGNITUDE_LIMIT, MotionCondition, onboard_stars, star_tracker)
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import attitude_error

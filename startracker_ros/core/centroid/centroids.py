@@ -10,6 +10,7 @@ import numpy as np
 MADE_BY = 'extract() makes them of an image, Centroids(uv, flux, snr, sigma_px) of a list'
 
 ROUND = np.empty((0, 2, 2))
+_COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of a table
 UNKNOWN_EXPOSURE = (0.0, np.inf)
 
 
@@ -63,6 +64,24 @@ class Centroids:
     def empty(cls) -> 'Centroids':
         """Return a list without stars."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+
+    @classmethod
+    def of(cls, table: np.ndarray, exposure_s: tuple[float, float]) -> 'Centroids':
+        """Return the centroids of a table (N, 12), the numbers of native.CENTROID."""
+        made = cls(table[:, :2], table[:, 2], table[:, 3], table[:, 4],
+                   table[:, _COVARIANCE].reshape(-1, 2, 2), table[:, 11].copy(),
+                   table[:, _COMMON].reshape(-1, 2, 2), exposure_s)
+        vars(made)['_table'] = table
+        return made
+
+    def table(self) -> np.ndarray:
+        """Return the table (N, 12) of these centroids; not to be changed."""
+        if '_table' in vars(self):
+            return vars(self)['_table']
+        return np.column_stack([
+            self.uv, self.flux, self.snr, self.sigma_px,
+            self.covariance.reshape(-1, 4)[:, [0, 1, 3]],
+            self.common.reshape(-1, 4)[:, [0, 1, 3]], self.delay_s])
 
     def joined(self, other: 'Centroids') -> 'Centroids':
         """Return these centroids followed by the others."""

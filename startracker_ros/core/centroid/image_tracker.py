@@ -23,7 +23,6 @@ KINDS = ('edge', 'saturated', 'hot_pixel', 'cosmic_ray', 'elongated', 'too_wide'
 
 _EXTRACTS = 1  # ST_EXTRACTS
 _MOST = 5000  # the largest capacity of predictions and centroids
-_COVARIANCE, _COMMON = (5, 6, 6, 7), (8, 9, 9, 10)  # columns of an st_centroid
 _NAMES = native.EXTRACTION.names or ()
 
 
@@ -194,10 +193,5 @@ def _motion(streak: Streak | None) -> np.ndarray | None:
 
 def centroids_of(table: np.ndarray, figures: Mapping[str, Any] = UNKNOWN) -> Centroids:
     """Return a table (N,) of CENTROID, with the exposure of an EXTRACTION by its names."""
-    count = len(table)
-    columns = table.view(float).reshape(count, table.itemsize // 8)
-    return Centroids(
-        columns[:, :2], columns[:, 2], columns[:, 3], columns[:, 4],
-        columns[:, _COVARIANCE].reshape(count, 2, 2), columns[:, 11].copy(),
-        columns[:, _COMMON].reshape(count, 2, 2),
-        (figures['exposure_least_s'], figures['exposure_most_s']))
+    return Centroids.of(table.view(float).reshape(len(table), table.itemsize // 8),
+                        (figures['exposure_least_s'], figures['exposure_most_s']))

@@ -24,6 +24,12 @@ class PredictedCentroids:
     hip: np.ndarray
     stars: int
 
+    @classmethod
+    def none(cls, stamp_ns: int) -> 'PredictedCentroids':
+        """Return that no centroid is expected."""
+        return cls(stamp_ns, np.empty((0, 2)), np.empty((0, 2)), np.empty(0),
+                   np.empty(0, np.int32), 0)
+
     def joined(self, targets: 'PredictedCentroids') -> 'PredictedCentroids':
         """Return these centroids followed by targets at the same time."""
         return PredictedCentroids(

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 from startracker_ros.core.astro.aberration import aberrate
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 
 

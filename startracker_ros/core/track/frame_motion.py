@@ -4,8 +4,8 @@
 """The body rate by the centroids of two frames, before any star is known."""
 
 import numpy as np
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
 
 BRIGHTEST = 30

@@ -11,8 +11,8 @@ is then J (w d + a d^2 / 2) away from where it was at that time, J the image jac
 from dataclasses import replace
 
 import numpy as np
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import conjugate, rotate
 

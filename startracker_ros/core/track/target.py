@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids

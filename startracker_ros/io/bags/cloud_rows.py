@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.centroids import Centroids, ROUND, UNKNOWN_EXPOSURE
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 
 if TYPE_CHECKING:
     from startracker_ros.core.track.track_filter import TrackFilter
+
+_TRACK_FIELDS = list(TRACK_DTYPE.names or ())[3:]
+_TABLE_FIELDS = ['u_px', 'v_px', 'flux_dn', 'snr', 'sigma_px', 'hip', 'magnitude', 'residual_px',
+                 'track_id', 'age', 'missed', 'association_probability', 'u_rate_px_s',
+                 'v_rate_px_s', 'cov_uu_px2', 'cov_uv_px2', 'cov_vv_px2']
+"""Fields of a STAR_TRACK in the order of those of a cloud behind x, y, z."""
 
 
 def centroid_rows(centroids: Centroids, camera: Camera, windowed: bool = False) -> np.ndarray:
@@ -33,61 +39,46 @@ def star_rows(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
 
 def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
     """Return rows (N,) of `tracks`."""
-    rows = _rows(TRACK_DTYPE, tracks.uv, tracks.flux, tracks.snr, tracks.sigma_px, camera)
-    for name in ('hip', 'magnitude', 'residual_px', 'track_id', 'age', 'missed',
-                 'association_probability'):
-        rows[name] = getattr(tracks, name)
-    rows['u_rate'], rows['v_rate'] = tracks.velocity.T
-    rows['cov_uu'], rows['cov_vv'] = tracks.covariance[:, 0, 0], tracks.covariance[:, 1, 1]
-    rows['cov_uv'] = tracks.covariance[:, 0, 1]
+    rows = np.zeros(len(tracks), TRACK_DTYPE)
+    rows[_TRACK_FIELDS] = tracks.table()[_TABLE_FIELDS]
+    _floats(rows)[:, :3] = camera.unproject(tracks.uv)
     return rows
 
 
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
-    fields = np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
-    columns = fields.take(_columns(rows.dtype), axis=1).astype(float)
-    flux, snr, sigma_px, delay_s = columns[:, 2:6].T.copy()
-    covariance = columns[:, 6:10].reshape(-1, 2, 2)
-    known = bool((covariance[:, 0, 0] > 0).all())
+    table = _floats(rows).take(_columns(rows.dtype), axis=1).astype(float)
     exposure_s = UNKNOWN_EXPOSURE
     if len(rows) and rows['exposure_max'][0] > 0:
         exposure_s = float(rows['exposure_min'][0]), float(rows['exposure_max'][0])
-    return Centroids(columns[:, :2], flux, snr, sigma_px, covariance if known else ROUND, delay_s,
-                     columns[:, 10:].reshape(-1, 2, 2), exposure_s)
+    if not (table[:, 5] > 0).all():
+        # The covariance is not known: round.
+        table[:, 5] = table[:, 7] = table[:, 4] ** 2
+        table[:, 6] = 0
+    return Centroids.of(table, exposure_s)
+
+
+def _floats(rows: np.ndarray) -> np.ndarray:
+    """Return rows (N,) as float32 (N, K), a view where they are contiguous."""
+    return np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
 
 
 @lru_cache
 def _columns(dtype: np.dtype) -> np.ndarray:
-    """Return where in rows viewed as floats the columns of Centroids are, matrices by rows."""
-    pairs = ('uu', 'uv', 'uv', 'vv')
+    """Return where in rows viewed as floats the columns (12,) of Centroids.table() are."""
     fields = dict(dtype.fields or {})
     return np.array([fields[name][1] // 4 for name in (
-        'u', 'v', 'flux', 'snr', 'sigma_px', 'stamp_offset', *(f'cov_{pair}' for pair in pairs),
-        *(f'common_{pair}' for pair in pairs))])
-
-
-def _rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,
-          sigma_px: np.ndarray, camera: Camera) -> np.ndarray:
-    rows = np.zeros(len(uv), dtype)
-    directions = camera.unproject(uv)
-    for column, name in enumerate('xyz'):
-        rows[name] = directions[:, column]
-    rows['u'], rows['v'] = uv[:, 0], uv[:, 1]
-    rows['flux'], rows['snr'], rows['sigma_px'] = flux, snr, sigma_px
-    return rows
+        'u', 'v', 'flux', 'snr', 'sigma_px', 'cov_uu', 'cov_uv', 'cov_vv', 'common_uu',
+        'common_uv', 'common_vv', 'stamp_offset')])
 
 
 def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.ndarray:
     """Return rows of centroids with their covariance and the time of their row."""
-    rows = _rows(dtype, centroids.uv, centroids.flux, centroids.snr, centroids.sigma_px, camera)
+    rows, table = np.zeros(len(centroids), dtype), centroids.table().copy()
     # Zero is unknown: a sigma that is NaN is to be named by who needs it.
-    covariance = np.nan_to_num(centroids.covariance, posinf=0.0)
-    rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
-    rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
-    common = centroids.common
-    rows['common_uu'], rows['common_vv'] = common[:, 0, 0], common[:, 1, 1]
-    rows['common_uv'] = common[:, 0, 1]
+    np.nan_to_num(table[:, 5:8], copy=False, posinf=0.0)
+    floats = _floats(rows)
+    floats[:, :3], floats[:, _columns(dtype)] = camera.unproject(centroids.uv), table
     if centroids.exposure_s != UNKNOWN_EXPOSURE:
         rows['exposure_min'], rows['exposure_max'] = centroids.exposure_s
     return rows

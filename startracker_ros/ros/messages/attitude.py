@@ -14,6 +14,7 @@ from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.io.bags.telemetry import unit_quaternion
 from startracker_ros.ros.messages.header import quaternion_to_geometry, vector_to_geometry
+from startracker_ros.ros.messages.serialized import PassedMessage
 from std_msgs.msg import Header
 
 
@@ -88,6 +89,8 @@ def _imu(attitude: AttitudeEstimate | None, rate_rad_s: np.ndarray | None,
 
 def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
     """Return what `tracked_attitude` says, None where it has no attitude; without its stars."""
+    if isinstance(message, PassedMessage):
+        return message.value
     if message.orientation_covariance[0] == -1:
         return None
     q, rate = message.orientation, message.angular_velocity

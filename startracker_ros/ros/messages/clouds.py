@@ -19,6 +19,7 @@ from startracker_ros.io.bags.cloud_rows import (
 from startracker_ros.io.bags.layouts import (
     CENTROID_DTYPE, MessageError, ns_from_stamp, PREDICTION_DTYPE, read_cloud, TARGET_BODY,
     TRACK_DTYPE)
+from startracker_ros.ros.messages.serialized import PassedMessage
 from std_msgs.msg import Header
 
 if TYPE_CHECKING:
@@ -36,9 +37,17 @@ def centroids_to_message(centroids: Centroids, camera: Camera, header: Header,
     return cloud_to_message(centroid_rows(centroids, camera, windowed), header)
 
 
+def frame_from_message(message: PointCloud2) -> tuple[Centroids, bool]:
+    """Return the centroids of a `centroids` cloud, and whether only predicted stars were seen."""
+    if isinstance(message, PassedMessage):
+        return message.value
+    rows = read_cloud(message, CENTROID_DTYPE)
+    return centroids_from_rows(rows), bool(rows['directed'].any())
+
+
 def centroids_from_message(message: PointCloud2) -> Centroids:
     """Return the centroids of a `centroids` cloud."""
-    return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
+    return frame_from_message(message)[0]
 
 
 def predictions_to_message(predicted: PredictedCentroids | None, header: Header,
@@ -64,6 +73,8 @@ def predictions_to_message(predicted: PredictedCentroids | None, header: Header,
 
 def bodies_from_message(message: PointCloud2) -> tuple[BodyInImage, ...]:
     """Return planets, Moon and Sun of a `predicted_centroids` cloud, of unknown magnitude."""
+    if isinstance(message, PassedMessage):
+        return message.value[1]
     rows = read_cloud(message, PREDICTION_DTYPE)
     return tuple(BodyInImage(BODIES[row['body'] - 1], float(row['u']), float(row['v']),
                              float('nan'), float(row['sigma']))
@@ -76,20 +87,25 @@ def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedC
 
     MessageError if they are of another camera.
     """
-    rows = read_cloud(message, PREDICTION_DTYPE)
-    stars, targets = rows[rows['body'] == 0], rows[rows['body'] == TARGET_BODY]
-    rows = np.concatenate([stars, targets])
-    uv = np.stack([rows['u'], rows['v']], -1).astype(float)
-    inside = camera.contains(uv)
+    predicted = (message.value[0] if isinstance(message, PassedMessage)
+                 else _predictions_of(message))
+    inside = camera.contains(predicted.uv)
     if not inside.all():
-        u, v = uv[~inside][0]
+        u, v = predicted.uv[~inside][0]
         raise MessageError(f'predicted centroid at u = {u:.1f}, v = {v:.1f} px is outside of the '
                            f'{camera.width} x {camera.height} px of camera_info: of another '
                            'camera?')
+    return predicted
+
+
+def _predictions_of(message: PointCloud2) -> PredictedCentroids:
+    rows = read_cloud(message, PREDICTION_DTYPE)
+    stars, targets = rows[rows['body'] == 0], rows[rows['body'] == TARGET_BODY]
+    rows = np.concatenate([stars, targets])
     if (rows['sigma'] < 0).any():
         raise MessageError('sigma of a predicted centroid is negative')
     return PredictedCentroids(
-        ns_from_stamp(message.header.stamp), uv,
+        ns_from_stamp(message.header.stamp), np.stack([rows['u'], rows['v']], -1).astype(float),
         np.stack([rows['u_rate'], rows['v_rate']], -1).astype(float),
         rows['sigma'].astype(float), rows['hip'].astype(np.int32), len(stars))
 
@@ -114,6 +130,8 @@ def tracks_to_message(tracks: Tracks, camera: Camera, header: Header) -> bytes:
 
 def tracks_from_message(message: PointCloud2) -> Tracks:
     """Return the tracks of a `tracks` cloud."""
+    if isinstance(message, PassedMessage):
+        return message.value
     rows = read_cloud(message, TRACK_DTYPE)
     covariance = np.stack([rows['cov_uu'], rows['cov_uv'], rows['cov_uv'], rows['cov_vv']], -1)
     columns = {name: rows[name].astype(float) for name in (

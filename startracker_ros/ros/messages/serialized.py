@@ -9,7 +9,7 @@ rclpy makes an object of each field of a cloud and of each value of a status.
 
 from collections.abc import Callable
 from copy import copy
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -35,6 +35,31 @@ def deserialized(data: bytes, message_type: type) -> Any:
     if message_type in _READERS and cdr.is_little_endian(data):
         return _READERS[message_type](data)
     return deserialize_message(data, message_type)
+
+
+class PassedMessage:
+    """
+    A message within a process: the value that it says, without the way through bytes.
+
+    It is serialized where DDS needs it, and read where a field other than the header is.
+    """
+
+    def __init__(self, message_type: Any, header: Header, value: Any,
+                 serialize: Callable[[], bytes]) -> None:
+        self._message_type, self._serialize = message_type, serialize
+        self.header, self.value = header, value
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._read, name)
+
+    @cached_property
+    def serialized(self) -> bytes:
+        """Return the bytes of the message."""
+        return self._serialize()
+
+    @cached_property
+    def _read(self) -> Any:
+        return deserialized(self.serialized, self._message_type)
 
 
 def _camera_info(data: bytes) -> CameraInfo:

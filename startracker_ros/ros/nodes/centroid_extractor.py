@@ -25,7 +25,7 @@ from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import centroids_to_image_marker, image_to_message
-from startracker_ros.ros.node import main_of, publish_if_subscribed
+from startracker_ros.ros.node import main_of, publish_if_subscribed, publish_value
 from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker
 
@@ -87,8 +87,9 @@ class CentroidExtractorNode(CameraNode):
             stamp_ns, image.pixels, self._predicted,
             lost=self.has_publisher('predicted_centroids'), cell=image.cell,
             exposure_s=self._exposures.at(stamp_ns))
-        self._centroids.publish(centroids_to_message(
-            extraction.centroids, camera, header, self._stage.windowed))
+        centroids, windowed = extraction.centroids, self._stage.windowed
+        publish_value(self._centroids, header, (centroids, windowed and len(centroids) > 0),
+                      partial(centroids_to_message, centroids, camera, header, windowed))
         self.defer(partial(self._report, header, image, extraction))
 
     def _picture(self, image: np.ndarray, extraction: Extraction) -> np.ndarray:

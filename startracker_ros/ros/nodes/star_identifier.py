@@ -17,12 +17,11 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.methods import CLASSES, OWN_OPTIONS
 from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
 from startracker_ros.core.track.track_filter import TrackerState
-from startracker_ros.io.bags.cloud_rows import centroids_from_rows
-from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.clouds import identification_to_message
+from startracker_ros.ros.messages.clouds import frame_from_message, identification_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.search_thread import SearchThread
 from std_msgs.msg import Header
@@ -100,10 +99,9 @@ class StarIdentifierNode(CameraNode):
         if stage.is_idle(stamp_ns, tracking):
             self.diagnostics.report(OK, _IDLE)
             return
-        rows = read_cloud(message, CENTROID_DTYPE)
-        if stage.is_idle(stamp_ns, tracking, windowed=bool(rows['directed'].any())):
+        centroids, windowed = frame_from_message(message)
+        if stage.is_idle(stamp_ns, tracking, windowed):
             return
-        centroids = centroids_from_rows(rows)
         self._search.search(partial(self._identify, stage, camera, message.header, centroids),
                             stage.identifier.until_s, self.interval_s)
 

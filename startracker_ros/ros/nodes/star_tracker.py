@@ -18,15 +18,15 @@ from startracker_ros.core.stages.tracking import make_trackers
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTrackOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
-from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     acceleration_to_message, attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
-from startracker_ros.ros.messages.clouds import tracks_to_message
+from startracker_ros.ros.messages.clouds import frame_from_message, tracks_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.node import main_of, publish_if_subscribed
+from startracker_ros.ros.node import main_of, publish_if_subscribed, publish_value
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.star_tracker_output import (
     PredictionsOutput, TargetOutput, TrackerStateOutput)
@@ -80,8 +80,7 @@ class StarTrackerNode(CameraNode):
             self._tracker.add_hint(hint_from_imu(message))
 
     def _on_centroids(self, message: PointCloud2) -> None:
-        rows = read_cloud(message, CENTROID_DTYPE)
-        centroids, windowed = centroids_from_rows(rows), bool(rows['directed'].any())
+        centroids, windowed = frame_from_message(message)
         camera, stamp_ns = self.camera_or_drop(), ns_from_stamp(message.header.stamp)
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
@@ -89,13 +88,16 @@ class StarTrackerNode(CameraNode):
         if (tracks := self._tracker.update(stamp_ns, centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
-        self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, header))
-        if self._tracker.attitude is not None:
+        tracked = self._tracker.attitude
+        publish_value(self._attitude, header, tracked, partial(
+            tracked_attitude_to_imu, tracked, header))
+        if tracked is not None:
             publish_if_subscribed(self._acceleration, lambda: acceleration_to_message(
                 self._tracker.acceleration, header))
         publish_if_subscribed(self._frame_attitude, lambda: attitude_to_imu(
             self._tracker.frame_attitude, header))
-        self._tracks.publish(tracks_to_message(tracks, camera, header))
+        publish_value(self._tracks, header, tracks, partial(
+            tracks_to_message, tracks, camera, header))
         self.defer(partial(self._finish, header, camera, centroids, windowed))
 
     def _finish(self, header: Header, camera: Camera, centroids: Centroids, windowed: bool

@@ -12,8 +12,8 @@ from startracker_ros.core.astro.aberration import apparent_directions, Vantage, 
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp, why_no_date
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids

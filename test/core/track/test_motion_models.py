@@ -11,8 +11,8 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from skies import CAMERA
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.core.track.motion_models import constant_velocity
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds

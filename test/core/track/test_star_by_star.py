@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from star_motion import CAMERA, Motion, sky, STEP_NS
 from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.camera.native_camera import image_jacobian
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError

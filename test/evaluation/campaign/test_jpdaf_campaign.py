@@ -17,7 +17,7 @@ from startracker_evaluation.campaign.jpdaf_methods import (
     AS_PUBLISHED, METHODS, tracker_options, VARIANTS, velocity_changes)
 from startracker_evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S, PUBLISHED)
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.motion_models import constant_velocity

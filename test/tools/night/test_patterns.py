@@ -7,7 +7,7 @@ from night_sky import CAMERA
 import numpy as np
 import pytest
 from scipy import stats
-from startracker_ros.core.camera.native_camera import image_jacobian
+from startracker_ros.core.camera.image_flow import image_jacobian
 from startracker_ros.tools.night.intervals import CONFIDENCE
 from startracker_ros.tools.night.patterns import (
     field_columns, field_degree, fit_pattern, PHASE_COLUMNS, phase_columns, single_coefficient,

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the native core computes of cameras."""
+"""How fast star images move in the image when the camera turns."""
 
 import numpy as np
 from startracker_ros.core import native
