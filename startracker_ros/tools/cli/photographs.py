@@ -179,9 +179,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.core.identify.identification import IdentificationOptions
     from startracker_ros.io.images.images import ImageError
-    from startracker_ros.photographs.outputs import Outputs
     from startracker_ros.photographs.solve import (
-        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
+        CALIBRATED_PERCENT, Outputs, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     from startracker_ros.photographs.tiles import CatalogueError
     paths = _image_files(images)
     if fov_error_percent is None:

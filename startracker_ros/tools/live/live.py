@@ -45,7 +45,7 @@ from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
-from startracker_ros.photographs.outputs import annotated
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES

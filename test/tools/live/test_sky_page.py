@@ -16,7 +16,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs.outputs import annotated
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.tools.live.sky_page import (
     degrees_text, hours_text, SkyPage, state_texts, THIS_MACHINE)
