@@ -40,10 +40,13 @@ command prints the same.
   what was there before. A file needs a folder that is there; a folder for files is made.
 - **Terminals.** A table has as many columns as fit, all with `--wide`; on a narrow terminal its
   rows are paragraphs. `NO_COLOR` is respected. Files and pipes receive all columns.
+- **Progress** of long work is a bar on stderr. Where stderr is not a terminal, `solve`,
+  `catalogue` and `night` write a line there every few seconds, with `--json` none.
 
 ## Completion in the shell
 
-Tab completes commands, options and files, after one line in the start-up file of the shell:
+Tab completes commands, options, files and names of nodes, after one line in the start-up file of
+the shell:
 
 | shell | line |
 |---|---|

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain, count, islice
 from pathlib import Path
-import sys
 import time
 from typing import NamedTuple
 
@@ -35,6 +34,7 @@ from startracker_ros.io.images.images import (
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.output import output_folder, write_output
+from startracker_ros.io.progress import progress
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
@@ -208,7 +208,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     written = list[Path]()
-    for shot in _progress(shots(paths, output_names(paths), selection), paths):
+    for shot in progress(shots(paths, output_names(paths), selection), 'solve',
+                         None if any(map(is_video, paths)) else len(paths),
+                         name=lambda shot: shot.label):
         row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
         rows.append(row)
         if shot.photograph is None:
@@ -354,17 +356,6 @@ def _clocks_s() -> np.ndarray:
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
                        ) -> tuple[Identifier, OnboardCatalog]:
     return make_identifier(camera, year, options), camera_stars(camera, year)
-
-
-def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
-    """Return what is found, with a progress bar on a terminal where that is more than one."""
-    from rich.console import Console
-    from rich.progress import track
-    videos = any(map(is_video, paths))
-    if len(paths) < 2 and not videos or not sys.stderr.isatty():
-        return found
-    return track(found, 'solve', total=None if videos else len(paths),
-                 console=Console(stderr=True), transient=True)
 
 
 def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[str, object]:
