@@ -117,7 +117,9 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
         if left_out:
             remarks = {'not shown': f'{", ".join(left_out)}; all with --wide', **remarks}
         for key, remark in remarks.items():
-            console.print(f'  {key}: {remark}', soft_wrap=not console.is_terminal)
+            line = f'{key}: {remark}'
+            for part in _folded(line, console.width, '  ') if console.is_terminal else [f'  {line}']:
+                console.print(part, soft_wrap=True)
     print(text.get(), end='')
 
 

@@ -171,8 +171,8 @@ def test_a_tracker_whose_stars_jump_has_no_sequence_of_images(tmp_path):
         assert rig.texts()['state'].endswith(
             'not one sequence: two identifications 360 deg/s apart; solve unrelated photographs '
             'with startracker solve')
-        jump.message = 'TRACKING'
-        rig.probe.send_until(lambda: publisher.publish(jump), lambda: not rig.problem, 'tracks')
+        tracks = DiagnosticStatus(message='TRACKING')
+        rig.probe.send_until(lambda: publisher.publish(tracks), lambda: not rig.problem, 'tracks')
 
 
 def test_unrelated_photographs_are_named_as_such(tmp_path, sky_data):

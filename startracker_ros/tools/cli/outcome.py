@@ -17,12 +17,14 @@ import json
 import os
 from pathlib import Path
 import sys
-from typing import Any, cast
+from typing import Any, cast, TYPE_CHECKING
 
 import click
-from click.shell_completion import CompletionItem
 from startracker_ros.core.ctrl_c import INTERRUPTED
 from startracker_ros.core.extras import MissingLibraryError, with_ros
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 FAILED, BROKEN_PIPE = 1, 141
 
@@ -245,7 +247,8 @@ class InputName(click.ParamType):
     name = 'path'
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str
-                       ) -> list[CompletionItem]:
+                       ) -> list['CompletionItem']:
+        from click.shell_completion import CompletionItem
         return [CompletionItem(incomplete, type='file')]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
