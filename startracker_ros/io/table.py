@@ -118,8 +118,8 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
             remarks = {'not shown': f'{", ".join(left_out)}; all with --wide', **remarks}
         for key, remark in remarks.items():
             line = f'{key}: {remark}'
-            for part in _folded(line, console.width, '  ') if console.is_terminal else [f'  {line}']:
-                console.print(part, soft_wrap=True)
+            parts = _folded(line, console.width, '  ') if console.is_terminal else [f'  {line}']
+            console.print('\n'.join(parts), soft_wrap=True)
     print(text.get(), end='')
 
 

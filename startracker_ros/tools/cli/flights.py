@@ -46,7 +46,8 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
     if listed:
         print_result(Result('options of a flight', [
             {'option': row.name, 'default': row.default, 'unit': row.unit,
-             'range': row.range_text, 'meaning': row.description} for row in FlightOptions.table()]), as_json)
+             'range': row.range_text, 'meaning': row.description}
+            for row in FlightOptions.table()]), as_json)
         return
     with usage_error_on(ValueError):
         options = flight_options(settings)

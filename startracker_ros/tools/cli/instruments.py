@@ -55,7 +55,7 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
 def _design_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add an option of the command for each of the design."""
     for row in reversed(DesignOptions.table()):
-        kind = click.IntRange if isinstance(row.default, int) else click.FloatRange
+        kind: Any = click.IntRange if isinstance(row.default, int) else click.FloatRange
         command = click.option(
             f'--{row.name.replace("_", "-")}', row.name, type=kind(row.low, row.high),
             default=row.default, show_default=True, metavar=row.unit.upper() or 'VALUE',

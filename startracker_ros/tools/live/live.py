@@ -50,6 +50,7 @@ from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.solution import Solution
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import attitude_from_pose
@@ -386,12 +387,17 @@ def first_lens(device: Device, fov_deg: float | None,
         if not solved:
             continue
         if device.ends and (later := device.read()) is not None:
-            following = solver.solve(later.image, solution.camera)
-            step_s = (later.stamp_ns - captured.stamp_ns) * 1e-9
-            if following.solved and (turn_deg := np.degrees(np.linalg.norm(attitude_error(
-                    following.quaternion, solution.quaternion)))) > _MOST_DEG_S * step_s:
-                raise HarnessError(
-                    f'{device.name}: the images are not one sequence: two in a row are '
-                    f'{turn_deg:.3g} deg apart in {step_s:.2g} s; {_SOLVE}')
+            _check_sequence(device.name, solution, solver.solve(later.image, solution.camera),
+                            (later.stamp_ns - captured.stamp_ns) * 1e-9)
         return FirstLens(solution.camera, solution.lens_px)
     return None
+
+
+def _check_sequence(name: str, first: Solution, second: Solution, step_s: float) -> None:
+    """Raise HarnessError where one image and the next have fields too far apart to be tracked."""
+    if first.quaternion is None or second.quaternion is None:
+        return
+    turn_deg = np.degrees(np.linalg.norm(attitude_error(second.quaternion, first.quaternion)))
+    if turn_deg > _MOST_DEG_S * step_s:
+        raise HarnessError(f'{name}: the images are not one sequence: two in a row are '
+                           f'{turn_deg:.3g} deg apart in {step_s:.2g} s; {_SOLVE}')
