@@ -156,7 +156,7 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     """
     Write a BAG as CCSDS AEM, CSV or Parquet.
 
-    Attitude, of CSV and Parquet also tracks and diagnostics.
+    It has attitude, tracks and diagnostics; an AEM has the attitude only.
     """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.io.export.aem import AemError, AemLabels
