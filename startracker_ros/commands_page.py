@@ -67,7 +67,7 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
                        max_content_width=10 ** 6) as context:
         if name != 'startracker':
             arguments = ' '.join(command.collect_usage_pieces(context))
-            yield from ('', f'## {name}', '', f'Usage: `{arguments}`', '')
+            yield from ('', f'### {name}', '', f'Usage: `{arguments}`', '')
             yield inspect.cleandoc(command.help or '')
             records = [record for option in command.get_params(context)
                        if isinstance(option, click.Option) and '--help' not in option.opts
@@ -79,8 +79,11 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
             if command.epilog:
                 yield from ('', *_epilog(command.epilog))
     if isinstance(command, Commands):
-        for each, sub in command.every().items():
-            yield from _sections(sub, f'{name} {each}')
+        for title, commands in command.by_section().items():
+            if name == 'startracker':
+                yield from ('', f'## {title}')
+            for each, sub in commands.items():
+                yield from _sections(sub, f'{name} {each}')
 
 
 def _cell(text: str) -> str:

@@ -105,16 +105,22 @@ class Commands(NeedsArguments, click.Group):
                     'pip install ./evaluation in a clone')
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = {name: command.get_short_help_str(limit=10 ** 6)
-                for name, command in self.every().items() if not command.hidden}
+    def by_section(self) -> dict[str, dict[str, click.Command]]:
+        """Return every() by the titles of help; what has none is under Commands."""
+        every = self.every()
         titled = {name for names in self._sections.values() for name in names}
-        sections = {**self._sections, 'Commands': [name for name in rows if name not in titled]}
-        width = max(map(len, rows))
-        for title, names in sections.items():
-            if listed := [(name.ljust(width), rows[name]) for name in names if name in rows]:
-                with formatter.section(title):
-                    formatter.write_dl(listed)
+        sections = {**self._sections, 'Commands': [name for name in every if name not in titled]}
+        listed = {title: {name: every[name] for name in names if name in every}
+                  for title, names in sections.items()}
+        return {title: commands for title, commands in listed.items() if commands}
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        sections = self.by_section()
+        width = max(len(name) for commands in sections.values() for name in commands)
+        for title, commands in sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), command.get_short_help_str(limit=10 ** 6))
+                                    for name, command in commands.items()])
 
 
 class Main(Commands):
