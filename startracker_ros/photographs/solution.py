@@ -178,7 +178,7 @@ class Solution(Summarised):
     @property
     def stars(self) -> np.ndarray:
         """
-        The identified stars, brightest in the image first.
+        The identified stars, in the order of `centroids`.
 
         Returns:
             Structured array (N,), empty without an attitude: `hip` (int32, Hipparcos number), and
