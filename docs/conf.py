@@ -9,7 +9,7 @@ project = 'startracker_ros'
 author = 'startracker_ros authors'
 release = version = importlib.metadata.version('startracker_ros')
 
-extensions = ['myst_parser', 'sphinx.ext.autodoc']
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 # The workflow of the repository shows the same pages: links are those of its files.
 myst_heading_anchors = 4
 # $x$, and ```math as GitHub has it.
@@ -22,5 +22,7 @@ html_static_path = ['_static']
 html_css_files = ['site.css']
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'description'
+autodoc_typehints_description_target = 'documented'
+napoleon_use_ivar = True
 # Links to sources leave the site.
 suppress_warnings = ['myst.xref_missing']

@@ -21,7 +21,9 @@ def main() -> None:
     """Star images to spacecraft attitude."""
 
 
-for _command in (run, live, solve, calibrate, catalogue, demo, record, play, info, report, export,
-                 doctor, datasheet, design, sky, night, telemetry, simulate, reprocess, compare,
-                 trend, tracklets):
-    main.add_command(_command)
+main.add_section('Photographs', solve, calibrate, catalogue, night)
+main.add_section('Pipeline', demo, live, run, sky, telemetry)
+main.add_section('Bags', record, play, info, report, export, simulate, reprocess, compare, trend,
+                 tracklets)
+main.add_section('Evaluation', datasheet, design, elsewhere=('bench', 'campaign'))
+main.add_section('Help', doctor)

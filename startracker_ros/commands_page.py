@@ -40,10 +40,13 @@ command prints the same.
   what was there before. A file needs a folder that is there; a folder for files is made.
 - **Terminals.** A table has as many columns as fit, all with `--wide`; on a narrow terminal its
   rows are paragraphs. `NO_COLOR` is respected. Files and pipes receive all columns.
+- **Progress** of long work is a bar on stderr. Where stderr is not a terminal, `solve`,
+  `catalogue` and `night` write a line there every few seconds, with `--json` none.
 
 ## Completion in the shell
 
-Tab completes commands, options and files, after one line in the start-up file of the shell:
+Tab completes commands, options, files and names of nodes, after one line in the start-up file of
+the shell:
 
 | shell | line |
 |---|---|
@@ -64,7 +67,7 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
                        max_content_width=10 ** 6) as context:
         if name != 'startracker':
             arguments = ' '.join(command.collect_usage_pieces(context))
-            yield from ('', f'## {name}', '', f'Usage: `{arguments}`', '')
+            yield from ('', f'### {name}', '', f'Usage: `{arguments}`', '')
             yield inspect.cleandoc(command.help or '')
             records = [record for option in command.get_params(context)
                        if isinstance(option, click.Option) and '--help' not in option.opts
@@ -76,8 +79,11 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
             if command.epilog:
                 yield from ('', *_epilog(command.epilog))
     if isinstance(command, Commands):
-        for each, sub in command.every().items():
-            yield from _sections(sub, f'{name} {each}')
+        for title, commands in command.by_section().items():
+            if name == 'startracker':
+                yield from ('', f'## {title}')
+            for each, sub in commands.items():
+                yield from _sections(sub, f'{name} {each}')
 
 
 def _cell(text: str) -> str:

@@ -4,12 +4,17 @@
 """The public library: what it loads, that it equals command and pipeline, what it rejects."""
 
 from datetime import datetime
+import inspect
 import json
 from pathlib import Path
+import re
 import subprocess
 import sys
+import warnings
 
+from astropy.wcs import WCS
 from commands import invoke
+import cv2
 from limits import HANGS_S
 import numpy as np
 import pytest
@@ -18,8 +23,10 @@ import startracker_ros as st
 from startracker_ros.core.astro.epoch import julian_year, stamp_from_epoch_year
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.images.images import read_image
+from startracker_ros.photographs.sip import wcs_header
 from startracker_ros.tools.figures.correctness import error_over_bound
 
+ROOT = Path(__file__).parents[1]
 START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
 
 
@@ -160,7 +167,8 @@ def test_an_epoch_in_another_unit_is_named(use, epoch):
 
 def test_an_epoch_is_a_year_or_a_time_everywhere():
     year, = {julian_year(epoch) for epoch in (
-        '2026-07-02T12:00', '2026-07-02T14:00+02:00', datetime(2026, 7, 2, 12))}
+        '2026-07-02T12:00', '2026-07-02T12:00:00Z', '2026-07-02T14:00+02:00',
+        datetime(2026, 7, 2, 12))}
     assert year == pytest.approx(2026.5, abs=1e-3)
     assert {julian_year(epoch) for epoch in (2026, '2026', np.float32(2026))} == {2026.0}
 
@@ -263,3 +271,102 @@ def test_wrong_input_is_named():
         st.extract(np.zeros((64, 64), np.uint8), filter=1)
     with pytest.raises(ValueError, match='either fov_deg or camera'):
         st.solve(np.zeros((64, 64), np.uint8), fov_deg=10.0, camera=CAMERA)
+
+
+@pytest.fixture(scope='module')
+def solution(sky_data):
+    return st.solve(photographs(sky_data)[0], 11.4, '2019-07-29T20:47:26Z')
+
+
+def test_a_solution_annotates_its_image_as_the_command_does(sky_data, solution, tmp_path):
+    path = photographs(sky_data)[0]
+    invoke('solve', str(path), '--fov-deg', '11.4', '--epoch', '2019-07-29T20:47:26Z',
+           '--annotate', str(tmp_path), '--wcs', str(tmp_path))
+    written = cv2.imread(str(tmp_path / f'{path.stem}.png'))[..., ::-1]
+    np.testing.assert_array_equal(solution.annotate(path.stem), written)
+    assert (tmp_path / f'{path.stem}.wcs').read_bytes() == wcs_header(solution.wcs())
+
+
+def test_stars_are_where_wcs_and_catalogue_have_them(solution):
+    stars = solution.stars
+    assert len(stars) == solution.matched and (np.diff(stars['flux_dn']) <= 0).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        wcs = WCS(solution.wcs())
+    np.testing.assert_allclose(wcs.all_world2pix(stars['ra_deg'], stars['dec_deg'], 0),
+                               (stars['u_px'], stars['v_px']), atol=0.01)
+    catalog = st.load_catalog()
+    row = [np.flatnonzero(catalog.hip == hip).item() for hip in stars['hip']]
+    np.testing.assert_array_equal(catalog.magnitude[row], stars['magnitude'].astype(np.float32))
+    ra, dec = np.radians([stars['ra_deg'], stars['dec_deg']])
+    seen = np.stack([np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)], -1)
+    off_arcsec = np.linalg.norm(seen - catalog.directions(solution.epoch_year)[row],
+                                axis=1) / ARCSEC
+    assert np.sqrt(np.mean(off_arcsec ** 2)) == pytest.approx(solution.residual_arcsec, rel=0.02)
+    pixel_arcsec = solution.camera.pixel_rad / ARCSEC
+    np.testing.assert_allclose(stars['residual_px'] * pixel_arcsec, off_arcsec, atol=0.05)
+
+
+def test_without_an_attitude_there_is_a_picture_and_no_wcs():
+    unsolved = st.solve(np.zeros((256, 256), np.uint8))
+    assert unsolved.stars.dtype.names[0] == 'hip' and not len(unsolved.stars)
+    assert unsolved.annotate().shape[1:] == (256, 3)
+    with pytest.raises(st.NoSolutionError, match='all pixels are 0 DN'):
+        unsolved.wcs()
+    assert repr(unsolved) == "Solution(solved=False, reason='all pixels are 0 DN')"
+
+
+def test_results_print_as_one_line_and_as_a_table(solution, frames):
+    tracker = st.StarTracker(CAMERA, '2026-07-02T12:00:00Z', aberration='none')
+    results = [tracker.process(START_NS + index * STEP_NS, frame.image)
+               for index, frame in enumerate(frames[:4])]
+    for result in (solution, results[0], results[-1]):
+        shown = repr(result)
+        assert '\n' not in shown and len(shown) < 250, shown
+        assert shown.startswith(f'{type(result).__name__}(')
+        table = result._repr_html_()
+        assert table.count('<tr>') == table.count('</tr>') == len(result.summary())
+    assert f'matched={solution.matched}' in repr(solution)
+    assert 'quaternion=[' in repr(results[-1]) and 'reason=' in repr(results[0])
+
+
+def test_errors_are_public_and_wrong_values():
+    errors = [name for name in st.__all__ if name.endswith('Error')]
+    assert len(errors) == 6
+    assert all(issubclass(getattr(st, name), ValueError) for name in errors)
+    with pytest.raises(st.CameraError):
+        st.Camera.from_fov(512, 512, 400.0)
+    with pytest.raises(st.ImageError):
+        st.solve('no.png')
+    with pytest.raises(st.CalibrationError):
+        st.calibrate([np.zeros((64, 64), np.uint8)] * 2, 10.0)
+
+
+def public():
+    """Yield the names of docs/api.md and what they are: public names, members of classes."""
+    for name, members in re.findall(r'::\s+startracker_ros\.(\w+)\n(?:\s+:members: (.*)\n)?',
+                                    (ROOT / 'docs' / 'api.md').read_text()):
+        yield name, getattr(st, name)
+        for member in filter(None, members.split(', ')):
+            yield f'{name}.{member}', inspect.getattr_static(getattr(st, name), member)
+
+
+def test_the_reference_has_every_public_name():
+    assert {name for name, _ in public() if '.' not in name} == set(st.__all__)
+
+
+@pytest.mark.parametrize('name, thing', [*public()], ids=[name for name, _ in public()])
+def test_arguments_results_and_errors_are_described(name, thing):
+    text = inspect.getdoc(thing)
+    if isinstance(thing, property) or name.endswith('Error'):
+        assert text
+        return
+    function = getattr(thing, '__func__', thing)
+    parameters = [each for each in inspect.signature(function).parameters.values()
+                  if each.name not in ('self', 'cls')]
+    described = re.findall(r'^    \**(\w+): ', text, re.MULTILINE)
+    # Of a base class there are no instances.
+    if not inspect.isabstract(thing):
+        assert {each.name for each in parameters} <= {*described}, text
+    if not isinstance(thing, type) and function.__annotations__.get('return'):
+        assert '\nReturns:\n' in text, text

@@ -4,6 +4,7 @@
 """Every command as a stranger meets it: help, wrong files, full disks, Ctrl-C, pipes, JSON."""
 
 from contextlib import contextmanager
+from importlib import import_module
 import json
 import os
 from pathlib import Path
@@ -133,6 +134,49 @@ def test_without_arguments_the_usage_is_shown(names):
     assert done.exit_code == 2 and done.stderr.startswith('Usage: ')
 
 
+TYPES = {'FLOAT', 'INTEGER', 'TEXT', 'PATH', 'RANGE', 'FLOAT...'}
+
+
+@pytest.mark.parametrize('names', LEAVES, ids=' '.join)
+def test_a_metavar_says_what_and_not_which_type(names):
+    with click.Context(LEAVES[names]) as context:
+        for option in LEAVES[names].get_params(context):
+            if isinstance(option, click.Option):
+                shown, _ = option.get_help_record(context)
+                assert not TYPES & {*shown.split()}, shown
+
+
+@pytest.mark.parametrize('names, module, options', [
+    (['live'], 'io.images.capture', 'CaptureOptions'),
+    (['reprocess'], 'tools.reprocess.plan', 'SegmentOptions'),
+    (['sky'], 'core.identify.identification', 'IdentificationOptions')])
+def test_ranges_are_those_of_the_options(names, module, options):
+    rows = {row.name: row for row in getattr(
+        import_module(f'startracker_ros.{module}'), options).table()}
+    ranges = {option.name: option.type for option in LEAVES[*names,].params
+              if option.name in rows and rows[option.name].low is not None}
+    assert len(ranges) >= 2
+    for name, kind in ranges.items():
+        assert (kind.min, kind.max) == (rows[name].low, rows[name].high), name
+
+
+def test_the_commands_are_listed_in_groups_a_line_each():
+    lines = startracker('--help', terminal_width=80).stdout.splitlines()
+    sections = re.split(r'\n\n(\w+):\n', '\n'.join(lines))[1:]
+    assert sections[::2] == ['Options', 'Photographs', 'Pipeline', 'Bags', 'Evaluation', 'Help']
+    listed = [line.split()[0] for section in sections[3::2] for line in section.splitlines()]
+    assert sorted(listed) == sorted(main.every()) and max(map(len, lines)) < 80
+
+
+@pytest.mark.parametrize('words, completed', [
+    ('startracker run star_', ['star_identifier', 'star_tracker']),
+    ('startracker dat', ['datasheet']), ('startracker solve --near', ['--near'])])
+def test_tab_completes_nodes_commands_and_options(words, completed):
+    done = startracker(env={'_STARTRACKER_COMPLETE': 'bash_complete', 'COMP_WORDS': words,
+                            'COMP_CWORD': str(len(words.split()) - 1)}, prog_name='startracker')
+    assert done.stdout.split() == [f'plain,{word}' for word in completed]
+
+
 def test_the_reference_of_the_commands_is_current():
     assert (ROOT / PAGE).read_text() == page_text(), \
         'run python -m startracker_ros.commands_page'
@@ -225,6 +269,16 @@ def test_help_and_wrong_arguments_take_little_time(process, line):
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     # On a busy machine some take longer.
     assert min(cpu_s() for _ in range(5)) <= 0.3
+
+
+def test_a_pipe_gets_lines_of_progress_and_a_document_none(monkeypatch):
+    monkeypatch.setattr('startracker_ros.io.progress.EVERY_S', 0.002)
+    line = ['solve', *IMAGES[:2], '--fov-deg', '11.4']
+    done = startracker(*line)
+    for number, path in enumerate(map(Path, IMAGES[:2]), 1):
+        assert re.search(rf'^solve: {path.name}, {number} of 2, \d+ s$', done.stderr,
+                         re.MULTILINE), done.stderr
+    assert 'of 2,' not in done.stdout and startracker(*line, '--json').stderr == ''
 
 
 def test_solve_says_what_it_took_and_wrote():

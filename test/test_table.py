@@ -63,9 +63,9 @@ def test_a_terminal_gets_the_columns_that_fit(capsys, monkeypatch, result, colum
     hidden = re.search('not shown: (.*?); +all', ' '.join(lines))
     hidden = hidden[1] if hidden else ''
     shown = [name for name in result.records[0] if not re.search(rf'\b{name}\b', hidden)]
-    # Headers may be broken, at underscores only.
+    # Headers may be broken, between words only.
     pieces = words_of(table)
-    assert all(name in pieces or set(name.replace('_', '_ ').split()) <= pieces
+    assert all(name in pieces or set(name.replace('_', ' ').split()) <= pieces
                or any(f': {name}:' in line for line in lines) for name in shown)
     assert (len(shown) < len(result.records[0])) == bool(hidden)
 
@@ -78,6 +78,24 @@ def test_a_long_reason_is_below_the_table_under_the_name_of_its_row(capsys, monk
     assert below[0].strip().startswith(f'{UNSOLVED["file"]}: reason: no hypothesis has')
     assert REASON in ' '.join(line.strip() for line in below)
     assert [line for line in lines if 'reason:' in line] == below[:1]
+
+
+def test_rows_of_remarks_are_paragraphs(capsys, monkeypatch):
+    rows = [{'name': 'min_stars', 'range': '2 .. 100', 'meaning': REASON, 'note': REASON},
+            {'name': 'solver', 'range': 'one of quest, davenport, svd', 'meaning': '', 'note': ''}]
+    lines = printed(capsys, monkeypatch, Result('parameters', rows), 80)
+    assert table_of(lines) == []
+    assert lines[1:3] == ['min_stars', '  range 2 .. 100  meaning no hypothesis has a false-alarm '
+                          'probability below'[:78].rstrip()]
+
+
+def test_headers_are_whole_where_there_is_space(capsys, monkeypatch):
+    lines = table_of(printed(capsys, monkeypatch, Result('x', [
+        {'case': 'a', 'residual_arcsec': 1.0, 'remark': REASON}]), 80))
+    assert 'residual_arcsec' in words_of(lines) and 'remark' not in words_of(lines)
+    narrow = table_of(printed(capsys, monkeypatch, RESULTS[0], 100))
+    assert {'roll', 'deg'} <= words_of(narrow)
+    assert not any(word.endswith('_') for word in words_of(narrow))
 
 
 def test_whether_a_row_holds_is_never_left_out(capsys, monkeypatch):
@@ -119,7 +137,7 @@ def test_a_file_or_wide_gets_all_columns(capsys, monkeypatch, result, columns):
     lines = printed(capsys, monkeypatch, result, columns, wide=columns is not None)
     assert not any('not shown' in line for line in lines)
     text = ' '.join(lines)
-    assert all(name in text or all(piece in text for piece in name.replace('_', '_ ').split())
+    assert all(name in text or all(piece in text for piece in name.replace('_', ' ').split())
                for name in result.records[0])
     assert len({len(line) for line in table_of(lines)}) == 1
 

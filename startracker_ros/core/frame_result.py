@@ -12,25 +12,36 @@ from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_ic
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
-    matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
+    ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import Acceleration, TrackedAttitude, Tracks
+from startracker_ros.core.values import Summarised
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attitude(AttitudeEstimate):
     """
-    The attitude of the sensor in ICRF at a time, with that of its stars.
+    The attitude of the sensor in ICRF at a time, with rate and covariance; arrays are float64.
 
-    quaternion (4,) is q_icrf_from_sensor, x, y, z, w: v_icrf = R(q) v_sensor; covariance_sensor
-    (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
-    velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
-    cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where
-    it is not known. shown_rad_s2 (3,) is the angular acceleration that the frames show, with its
-    change jerk_rad_s3 (3,); acceleration_rad_s2 (3,) is the 1 sigma of what it may be off after
-    the frame, before_rad_s2 (3,) before it.
-    protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
-    infinite where there is no bound, and at another time, where budget is None.
+    Attributes:
+        quaternion: (4,) q_icrf_from_sensor in the order x, y, z, w: v_icrf = R(q) v_sensor.
+        covariance_sensor: (3, 3) rad^2, of the error as a rotation vector about sensor axes.
+        stars: Number of stars in the fit.
+        residual_rad: (N,) angle between each star and its catalogue direction, rad.
+        chi2: Sum of the squares of residual over sigma.
+        budget: Contributions to the covariance (ErrorBudget), None where they are not known.
+        stamp_ns: UNIX time in ns, int.
+        rate_rad_s: (3,) angular velocity with respect to ICRF on sensor axes, rad/s.
+        rate_covariance: (3, 3) rad^2/s^2, of the rate.
+        cross_covariance: (3, 3) rad^2/s, of the errors of attitude (rows) and rate (columns);
+            None where it is not known.
+        shown_rad_s2: (3,) angular acceleration that the frames show, rad/s^2, sensor axes.
+        jerk_rad_s3: (3,) its rate of change, rad/s^3.
+        acceleration_rad_s2: (3,) 1 sigma error of the acceleration after the frame, rad/s^2.
+        before_rad_s2: (3,) 1 sigma error of the acceleration before the frame, rad/s^2.
+        protection_rad: (3,) bound of the errors about sensor axes, rad, exceeded with
+            misleading_probability; infinite without a bound, and in results of `at()`.
+
     """
 
     stamp_ns: int
@@ -77,17 +88,26 @@ class Attitude(AttitudeEstimate):
 
     @property
     def covariance_icrf(self) -> np.ndarray:
-        """Covariance (3, 3) rad^2 of the same rotation vector on ICRF axes."""
+        """Covariance (3, 3) rad^2 of the error as a rotation vector about ICRF axes."""
         return covariance_icrf(self.quaternion, self.covariance_sensor)
 
     def at(self, stamp_ns: int) -> 'Attitude':
         """
-        Return the attitude at a time near stamp_ns of this one, before or after it.
+        Propagate the attitude to a time before or after the frame, by rate and acceleration.
 
-        As that of a row of a rolling shutter, by rate and acceleration. The covariance is
-        P + dt (C + C^T) + dt^2 P_rate with C = cross_covariance; where that is not known it is the
-        bound (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace.
-        An error a of the acceleration adds (a dt^2 / 2)^2 after the frame.
+        The covariance is P + dt (C + C^T) + dt^2 P_rate with C = `cross_covariance`; where that
+        is not known it is the bound (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any C,
+        with the k of least trace. An error a of the acceleration adds (a dt^2 / 2)^2.
+
+        Args:
+            stamp_ns: UNIX time in ns, int.
+
+        Returns:
+            `Attitude` at that time, without protection level and error budget.
+
+        Raises:
+            ValueError: A stamp that is not an int.
+
         """
         stamp_ns = checked_stamp(stamp_ns)
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
@@ -118,16 +138,23 @@ class Attitude(AttitudeEstimate):
             budget=self.budget if dt_s == 0 else None)
 
 
-@dataclass(frozen=True)
-class FrameResult:
+@dataclass(frozen=True, repr=False)
+class FrameResult(Summarised):
     """
     The result of one frame. Its arrays are its own: later frames do not change them.
 
-    centroids are those found or given; identification is None where the frame needed none; tracks
-    are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude
-    is None where that cannot be trusted: reason says why, and is empty otherwise. aberration is
-    what the attitude is corrected for (full, earth_only, none), with why that is less than asked
-    for, such as stamps that are no UTC; empty for a frame that was not used.
+    Attributes:
+        stamp_ns: UNIX time in ns, int, of the frame.
+        centroids: Detections found or given (`Centroids`).
+        identification: `Identification`, None where the frame needed none.
+        tracks: Filtered stars (Tracks), empty unless the state is TRACKING.
+        tracked: Attitude of the tracks, trusted or not; None without one.
+        attitude: Trusted `Attitude` of the sensor in ICRF, None without one.
+        state: `'LOST'`, `'ACQUIRING'` or `'TRACKING'`.
+        reason: Why there is no attitude; empty with one.
+        aberration: What the attitude is corrected for (full, earth_only, none), and why that is
+            less than asked for; empty for a frame that was not used.
+
     """
 
     stamp_ns: int
@@ -139,3 +166,15 @@ class FrameResult:
     state: TrackerState
     reason: str
     aberration: str = ''
+
+    def summary(self) -> dict[str, str]:
+        """Return the figures of repr()."""
+        figures = {'stamp_ns': str(self.stamp_ns), 'state': repr(str(self.state)),
+                   'centroids': str(len(self.centroids)), 'tracks': str(len(self.tracks))}
+        if self.attitude is None:
+            return figures | {'attitude': 'None', 'reason': repr(self.reason)}
+        sigma = np.sqrt(np.diag(self.attitude.covariance_sensor)) / ARCSEC
+        return figures | {
+            name: np.array2string(value, precision=digits, separator=', ')
+            for name, value, digits in (('quaternion', self.attitude.quaternion, 6),
+                                        ('sigma_sensor_arcsec', sigma, 2))}

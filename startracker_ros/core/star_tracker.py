@@ -53,23 +53,27 @@ class StarTracker:
 
     Frames come in the order of their stamps, UNIX time in ns of the middle of the exposure. A
     frame that is not newer than the one before is not used, and its result has the reason; one
-    that is older by more than a second begins anew, as after reset().
+    that is older by more than a second restarts the tracker, as `reset()` does.
 
     Stars are identified by their directions without aberration; every attitude that goes out is
     fitted to the apparent directions of its stamp and is that of the sensor in ICRF.
+
+    Args:
+        camera: Lens of the images.
+        epoch_year: Epoch of the star places: Julian year, datetime or text as
+            `'2026-07-02T12:00:00Z'`, UTC without a zone.
+        **options: Parameters of the nodes by name. One that several nodes have is set in all of
+            them; where it means different things, name the node:
+            `star_identifier={'method': 'quad'}`.
+
+    Raises:
+        CameraError: A field of view that the method cannot handle.
+        ValueError: A wrong argument or option; the text names those there are.
+
     """
 
     def __init__(self, camera: Camera, epoch_year: float | datetime | str, **options: Any
                  ) -> None:
-        """
-        Take the camera, the epoch of the catalogue, and node parameters by name.
-
-        The epoch is a Julian year, or a time as 2026-07-02, UTC where it names no zone.
-
-        A name that several nodes have is set in all of them, unless it is another thing in each:
-        star_identifier={'method': 'quad'} is that of one node. ValueError names what is wrong,
-        and which names there are.
-        """
         self._build(of_type('camera', camera, Camera, 'Camera.from_fov() or load_camera()'),
                     CatalogueEpoch(julian_year(epoch_year, 'epoch_year')),
                     options_of_keywords(options))
@@ -120,7 +124,7 @@ class StarTracker:
         self._newest_ns: int | None = None
 
     def reset(self) -> None:
-        """Forget all frames and rates: LOST, as after the start."""
+        """Forget all frames and rates; the state is LOST, as at the start."""
         self.extraction.windowed = False
         self.identification.reset()
         self.tracker.reset()
@@ -128,10 +132,15 @@ class StarTracker:
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
         """
-        Use the rate (3,) in rad/s of a gyro about sensor axes, measured up to a time.
+        Use a rate of a gyro, before the frame that follows it.
 
-        Before the frame that follows it. ValueError for another shape, and for what no gyro
-        measures, as deg/s or deg/h in place of rad/s.
+        Args:
+            stamp_ns: UNIX time in ns, int, up to which it was measured.
+            rate_rad_s: Angular velocity (3,) about sensor axes, rad/s.
+
+        Raises:
+            ValueError: Not three finite numbers, or more than any gyro measures, as deg/s.
+
         """
         stamp_ns, rate_rad_s = checked_stamp(stamp_ns), checked_rate(rate_rad_s)
         self.tracker.add_rate(stamp_ns, rate_rad_s)
@@ -140,9 +149,16 @@ class StarTracker:
     def add_observer(self, stamp_ns: int, position_m: np.ndarray, velocity_m_s: np.ndarray
                      ) -> None:
         """
-        Use geocentric position (3,) m and velocity (3,) m/s on ICRF axes for aberration.
+        Use position and velocity of the spacecraft for aberration; propagated for ten minutes.
 
-        It is propagated for ten minutes. ValueError for what is no orbit about the Earth.
+        Args:
+            stamp_ns: UNIX time in ns, int.
+            position_m: Geocentric position (3,) on ICRF axes, m.
+            velocity_m_s: Geocentric velocity (3,) on ICRF axes, m/s.
+
+        Raises:
+            ValueError: Not three finite numbers, or not an orbit about the Earth.
+
         """
         self.motion.add_state(checked_stamp(stamp_ns), State(
             vector_of('position_m', position_m), vector_of('velocity_m_s', velocity_m_s),
@@ -151,12 +167,20 @@ class StarTracker:
     def process(self, stamp_ns: int, image: np.ndarray, *, cell: int = 1, exposure_s: float = 0.0
                 ) -> FrameResult:
         """
-        Process an image (H, W) uint8 or uint16 of the camera.
+        Process one image.
 
-        Each of its pixels may be the sum of cell x cell pixels of the camera. exposure_s is what
-        the camera says of the exposure, 0 where it says nothing: what it said last holds.
-        ValueError for another type or another size than that of the camera, and for a stamp that
-        is not in ns.
+        Args:
+            stamp_ns: UNIX time in ns, int, of the middle of the exposure.
+            image: Array (H, W) uint8 or uint16, of the size of the camera.
+            cell: Pixels a side of the camera that each pixel of the image is the sum of.
+            exposure_s: Exposure time that the camera reports, s; 0 keeps the last one.
+
+        Returns:
+            `FrameResult` of this frame.
+
+        Raises:
+            ValueError: An image of another type or size, or a stamp that is not in ns.
+
         """
         check_image(image)
         camera, images = self._camera, self._images
@@ -176,9 +200,19 @@ class StarTracker:
     def process_centroids(self, stamp_ns: int, centroids: Centroids, windowed: bool = False
                           ) -> FrameResult:
         """
-        Process the centroids of an image; ValueError for any other type.
+        Process the centroids of one image.
 
-        Where windowed, only stars that the tracker predicted were measured: no check of it.
+        Args:
+            stamp_ns: UNIX time in ns, int, of the middle of the exposure.
+            centroids: Detections, brightest first; an empty list is a frame without stars.
+            windowed: Whether only predicted stars were measured, so that they check nothing.
+
+        Returns:
+            `FrameResult` of this frame.
+
+        Raises:
+            ValueError: Not Centroids, or a stamp that is not in ns.
+
         """
         of_type('centroids', centroids, Centroids, MADE_BY)
         stamp_ns, before = self._begin(stamp_ns)

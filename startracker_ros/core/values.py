@@ -1,8 +1,9 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arguments of the library: what is no value of a kind is named."""
+"""Arguments of the library are checked here, and its results shown."""
 
+from html import escape
 from typing import TypeVar
 
 import numpy as np
@@ -28,3 +29,20 @@ def vector_of(name: str, value: ArrayLike) -> np.ndarray:
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise ValueError(f'{name} = {value!r} must be three finite numbers')
     return vector
+
+
+class Summarised:
+    """A result that prints as its figures in one line, and in a notebook as a table of them."""
+
+    def summary(self) -> dict[str, str]:
+        """Return the figures by name, with the unit in the name."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        figures = ', '.join(f'{name}={value}' for name, value in self.summary().items())
+        return f'{type(self).__name__}({figures})'
+
+    def _repr_html_(self) -> str:
+        rows = ''.join(f'<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>'
+                       for name, value in self.summary().items())
+        return f'<table><caption>{type(self).__name__}</caption>{rows}</table>'

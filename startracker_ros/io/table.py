@@ -117,7 +117,9 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
         if left_out:
             remarks = {'not shown': f'{", ".join(left_out)}; all with --wide', **remarks}
         for key, remark in remarks.items():
-            console.print(f'  {key}: {remark}', soft_wrap=not console.is_terminal)
+            line = f'{key}: {remark}'
+            parts = _folded(line, console.width, '  ') if console.is_terminal else [f'  {line}']
+            console.print('\n'.join(parts), soft_wrap=True)
     print(text.get(), end='')
 
 
@@ -154,9 +156,9 @@ def _print_rows(console: Console, columns: Sequence[_Column], width: int, drop: 
     """
     Print rows in lines of at most width characters, as far as possible; return what is left out.
 
-    Where they are wider, remarks go below the table, the first column is folded between words,
-    headers are broken behind underscores, and, if drop is set, columns are left out from the
-    right; where most would be, the rows are paragraphs. No word is broken.
+    Where they are wider, remarks go below the table. Where they still are, the first column and
+    the headers are folded between words, and, if drop is set, columns are left out from the
+    right; where most would be, or are remarks, the rows are paragraphs. No word is broken.
     """
     if not columns:
         return ()
@@ -164,12 +166,15 @@ def _print_rows(console: Console, columns: Sequence[_Column], width: int, drop: 
     if _width(table) > width:
         below = [column for column in columns[1:] if column.is_remark]
         shown = [column for column in columns if column not in below]
+        table = _table(shown)
+    if _width(table) > width:
         table = _table(shown, narrow=True)
     while drop and _width(table) > width and (
             optional := [column for column in shown[1:] if column.name not in _ALWAYS]):
         shown.remove(optional[-1])
         table = _table(shown, narrow=True)
-    is_table = len(shown) * _LEAST_SHOWN >= len(columns) - len(below)
+    is_table = (len(shown) * _LEAST_SHOWN >= len(columns) - len(below)
+                and len(shown) >= len(below))
     if is_table:
         console.print(table, crop=False)
     lines: list[str] = []
@@ -195,7 +200,7 @@ def _table(columns: Sequence[_Column], narrow: bool = False) -> Table:
         if narrow and column is columns[0]:
             width = max(cell_len(line) for text in column.texts for line in _folded(text, _FOLDED))
         if narrow and cell_len(header) > width:
-            header = header.replace('_', '_\n')
+            header = header.replace('_', '\n')
         width = max(width, *map(cell_len, header.split('\n')))
         table.add_column(header, justify='right' if column.numeric else 'left', width=width)
     for row in zip(*(column.texts for column in columns)):

@@ -38,18 +38,33 @@ def solve(image: Image, fov_deg: float | None = None,
           near_deg: tuple[float, float] | None = None, dark: Image | None = None,
           **options: Any) -> Solution:
     """
-    Return attitude and lens of an image, as `startracker solve` does.
+    Solve one image without a guess of its attitude, as `startracker solve` does.
 
-    fov_deg is the horizontal field of view; without it the file has it, or a search of all fields
-    and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
-    by default 5, of a calibrated camera 0.5. catalogue is a folder of `startracker catalogue`, for
-    narrow fields; near_deg right ascension and declination of the image within 5 deg. dark is a
-    dark frame of the same size, or a .txt or .csv file of bad pixels.
-    epoch is the Julian year or the time, as 2019-07-29T20:47, UTC where it names no zone: without
-    it that of the file, else today without aberration. Where a FITS file does not say the order of
-    its rows and the image is mirrored, the result is that of the other order (turned_over).
-    options are those of star_identifier (IdentificationOptions).
-    ValueError for wrong options, images and cameras; an image without an attitude has a reason.
+    Args:
+        image: Path of a file, or array (H, W) or (H, W, 3) of integers or floats, rows from the
+            top. Where a FITS file does not say the order of its rows and the image is mirrored,
+            the other order is solved (`Solution.turned_over`).
+        fov_deg: Horizontal field of view, edge to edge, deg. Default: that of the file, else all
+            fields from 0.6 to 120 deg are searched, then fisheyes.
+        epoch: Julian year, datetime or text as `'2019-07-29T20:47:26Z'`, UTC without a zone.
+            Default: the time in the file, else today without aberration.
+        fov_error_percent: Tolerance of the focal length, 0 to 5 %. Default: 5, with `camera` 0.5.
+        camera: Calibrated camera instead of `fov_deg`; its distortion is not fitted.
+        catalogue: Folder that `startracker catalogue` wrote, for fields of 0.3 to 2 deg.
+        near_deg: Right ascension and declination of the image, deg ICRS, within 5 deg; with
+            `catalogue` only.
+        dark: Dark frame to subtract, as `image`, or path of a .txt or .csv file of bad pixels.
+        **options: Parameters of the node star_identifier, as `time_limit_s=10.0`.
+
+    Returns:
+        `Solution`; without an attitude its `solved` is False and its `reason` says why.
+
+    Raises:
+        CameraError: An impossible field of view.
+        CatalogueError: No catalogue in the folder.
+        ImageError: A file that cannot be read as an image, or not the size of `camera`.
+        ValueError: A wrong argument or option; the three above are ValueErrors, too.
+
     """
     if fov_deg is not None and camera is not None:
         raise ValueError('give either fov_deg or camera')
@@ -79,9 +94,19 @@ _solvers = lru_cache(maxsize=4)(Solvers)
 
 def extract(image: Image, **options: Any) -> Extraction:
     """
-    Return the stars of an image; options are those of centroid_extractor (ExtractionOptions).
+    Find the stars of one image.
 
-    ValueError for a wrong option or image.
+    Args:
+        image: Path of a file, or array (H, W) or (H, W, 3) of integers or floats.
+        **options: Parameters of the node centroid_extractor, as `max_stars=100`.
+
+    Returns:
+        `Extraction` with the centroids, and why there are none.
+
+    Raises:
+        ImageError: A file that cannot be read as an image.
+        ValueError: A wrong option, or an array of another kind.
+
     """
     chosen = options_by_class((ExtractionOptions,), options)[ExtractionOptions]
     assert isinstance(chosen, ExtractionOptions)
@@ -92,11 +117,27 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
               camera: Camera | None = None, epoch: float | datetime | str | None = None,
               terms: Sequence[str] = (), distortion_model: str = PLUMB_BOB) -> Calibration:
     """
-    Return the calibration of the camera of images, `frames` the indices of those that are used.
+    Calibrate a camera with images of stars, as `startracker calibrate` does.
 
-    It starts from fov_deg, within 5 %, or from a camera; a fisheye needs neither. epoch, without
-    aberration if None, terms and distortion_model are as those of `startracker calibrate`.
-    CalibrationError, a ValueError, where the images do not determine the camera.
+    Args:
+        images: Paths or arrays as of `solve()`, all of one size, two or more, of a fisheye one.
+        fov_deg: Horizontal field of view within 5 %, deg; a fisheye needs none.
+        camera: Camera to start from instead of `fov_deg`.
+        epoch: Julian year, datetime or text, UTC without a zone. Default: today, without
+            aberration.
+        terms: What is estimated in addition to the focal length, of k1, centre, tangential, k2,
+            k3 and k4. Default: what the stars show to be significant.
+        distortion_model: `'plumb_bob'`, or `'equidistant'` for fisheyes of any projection.
+
+    Returns:
+        `Calibration`; its `camera` is the result, its `frames` are the indices of used images.
+
+    Raises:
+        CalibrationError: The images do not determine the camera.
+        CameraError: An impossible field of view.
+        ImageError: A file that cannot be read as an image, or an image of another size.
+        ValueError: A wrong argument; the three above are ValueErrors, too.
+
     """
     unknown = fov_deg is None and camera is None
     if (unknown and distortion_model != EQUIDISTANT

@@ -19,7 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.maths.rotation import radec_from_unit
-from startracker_ros.io.images.wcs_file import BLOCK, CARD, evaluate, plane_axes
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.io.images.wcs_file import (
+    BLOCK, CARD, evaluate, header_directions, plane_axes)
 
 _LOWEST_ORDER, _HIGHEST_ORDER = 2, 9  # SIP has no higher one
 _NO_SIP = 1  # the order of no polynomials
@@ -28,6 +30,11 @@ _GRID, _CHECK_GRID = 29, 32  # points along each side of the image
 
 Directions = Callable[[np.ndarray], np.ndarray]
 """Unit vectors (N, 3) on ICRS axes of pixels (N, 2), (0, 0) the centre of the first pixel."""
+
+Cards = dict[str, float | str]
+"""Values of a FITS header by keyword."""
+
+_MOST_WCS_ERROR_PX = 0.5  # of a star
 
 
 class Sip(NamedTuple):
@@ -143,15 +150,14 @@ def _least_squares(x: np.ndarray, values: np.ndarray, powers: list[tuple[int, in
     return np.linalg.lstsq(design, values, rcond=None)[0]
 
 
-def wcs_header(sip: Sip, width: int, height: int) -> bytes:
-    """Return the FITS header of an image without its pixels, as `.wcs` files have it."""
-    (cd11, cd12), (cd21, cd22) = sip.cd
+def _cards(sip: Sip, width: int, height: int) -> Cards:
+    (cd11, cd12), (cd21, cd22) = sip.cd.tolist()
     kind = ('TAN' if sip.radial is None else 'ZPN') + ('-SIP' if sip.order > _NO_SIP else '')
-    cards: dict[str, object] = {
-        'SIMPLE': True, 'BITPIX': 8, 'NAXIS': 0, 'WCSAXES': 2,
+    cards: Cards = {
+        'WCSAXES': 2,
         'CTYPE1': f'RA---{kind}', 'CTYPE2': f'DEC--{kind}', 'CUNIT1': 'deg', 'CUNIT2': 'deg',
-        'CRPIX1': sip.crpix[0], 'CRPIX2': sip.crpix[1],
-        'CRVAL1': sip.crval_deg[0], 'CRVAL2': sip.crval_deg[1],
+        'CRPIX1': float(sip.crpix[0]), 'CRPIX2': float(sip.crpix[1]),
+        'CRVAL1': float(sip.crval_deg[0]), 'CRVAL2': float(sip.crval_deg[1]),
         'CD1_1': cd11, 'CD1_2': cd12, 'CD2_1': cd21, 'CD2_2': cd22,
         'LONPOLE': 180.0, 'RADESYS': 'ICRS', 'IMAGEW': width, 'IMAGEH': height}
     if sip.radial is not None:
@@ -159,17 +165,25 @@ def wcs_header(sip: Sip, width: int, height: int) -> bytes:
     for name in ('a', 'b', 'ap', 'bp') if sip.order > _NO_SIP else ():
         polynomial = getattr(sip, name)
         cards[f'{name.upper()}_ORDER'] = sip.order
-        cards |= {f'{name.upper()}_{i}_{j}': polynomial[i, j]
+        cards |= {f'{name.upper()}_{i}_{j}': float(polynomial[i, j])
                   for i, j in zip(*np.nonzero(polynomial))}
-    lines = [_card(key, value) for key, value in cards.items()]
-    lines.append(f'COMMENT This is within {sip.error_px:.1g} px of the lens, '
-                 f'its inverse within {sip.inverse_error_px:.1g} px')
+    cards['COMMENT'] = (f'This is within {sip.error_px:.1g} px of the lens, '
+                        f'its inverse within {sip.inverse_error_px:.1g} px')
+    return cards
+
+
+def wcs_header(cards: Cards) -> bytes:
+    """Return the FITS header of an image without its pixels, as `.wcs` files have it."""
+    no_pixels: Cards = {'SIMPLE': True, 'BITPIX': 8, 'NAXIS': 0}
+    lines = [_card(key, value) for key, value in (no_pixels | cards).items()]
     text = ''.join(line.ljust(CARD) for line in (*lines, 'END'))
     return text.ljust(-(-len(text) // BLOCK) * BLOCK).encode('ascii')
 
 
-def _card(key: str, value: object) -> str:
+def _card(key: str, value: float | str) -> str:
     """Return a card of fixed format, FITS standard 4.0, section 4.2."""
+    if key == 'COMMENT':
+        return f'{key} {value}'
     if isinstance(value, bool):
         text = f'{"T" if value else "F":>20}'
     elif isinstance(value, str):
@@ -177,5 +191,41 @@ def _card(key: str, value: object) -> str:
     elif isinstance(value, int):
         text = f'{value:>20}'
     else:
-        text = f'{float(value)!r:>20}'.upper()  # type: ignore[arg-type]
+        text = f'{value!r:>20}'.upper()
     return f'{key:<8}= {text}'
+
+
+class WcsError(ValueError):
+    """An image of which no FITS header says where its stars are."""
+
+
+def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False,
+              stars_px: np.ndarray = np.empty((0, 2))) -> Cards:
+    """
+    Return the FITS header of an image with columns and rows in the order of its file.
+
+    WcsError where it has the pixels stars_px (N, 2) of the image elsewhere on the sky.
+    """
+    camera = sky.camera
+    turned = np.array([mirrored, bottom_up])
+    last = np.array([camera.width, camera.height]) - 1.0
+
+    def other(pixels: np.ndarray) -> np.ndarray:
+        """Return pixels of the file as those of the image, or the other way."""
+        return np.where(turned, last - pixels, pixels)
+
+    try:
+        sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
+                      other(np.array([camera.cx, camera.cy])),
+                      camera.distortion if camera.model.equidistant else None)
+    except np.linalg.LinAlgError as error:
+        raise WcsError(f'no FITS projection has its lens: {error}') from error
+    cards = _cards(sip, camera.width, camera.height)
+    # As a reader has it, by the text alone.
+    off_px = np.abs(sky.pixels(
+        header_directions(wcs_header(cards), other(stars_px))) - stars_px)
+    if not (off_px < _MOST_WCS_ERROR_PX).all():
+        raise WcsError(f'no FITS projection has its lens: the best one has stars '
+                       f'{np.nanmax(off_px):.2g} px off, at most {_MOST_WCS_ERROR_PX:g} px are '
+                       'written')
+    return cards

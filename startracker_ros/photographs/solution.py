@@ -9,26 +9,54 @@ import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
-from startracker_ros.core.maths.rotation import ARCSEC, multiply, pointing_from_quaternion
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, multiply, pointing_from_quaternion, radec_from_unit)
+from startracker_ros.core.stages.annotate import BODY, FOUND, IDENTIFIED
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.values import Summarised
+from startracker_ros.io.images.images import Photograph
+from startracker_ros.photographs.picture import annotated, captioned, Colour, TEXT
+from startracker_ros.photographs.sip import Cards, image_wcs
+from startracker_ros.photographs.sky_marks import NAMED
 
 MIN_STARS = 4
 _FARTHEST_STARS = 1.15  # so much farther than its stars the lens of a fisheye is known
 
+STAR = np.dtype([
+    ('hip', np.int32), ('magnitude', float), ('ra_deg', float), ('dec_deg', float),
+    ('u_px', float), ('v_px', float), ('flux_dn', float), ('snr', float), ('sigma_px', float),
+    ('residual_px', float)])
+"""A row of Solution.stars."""
 
-@dataclass(frozen=True)
-class Solution:
+
+class NoSolutionError(ValueError):
+    """An image without an attitude, where one is needed; the text says why it has none."""
+
+
+@dataclass(frozen=True, repr=False)
+class Solution(Summarised):
     """
     What one image shows.
 
-    camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
-    identified, and bodies, which are no centroids of it, are known only then. The attitude is that
-    of the sensor axes of camera, +z its optical axis: star directions turned by it and projected
-    by camera are the pixels of the stars. Pointing and roll are those of the middle of the image
-    where the lens is fitted to it (fitted), else of the optical axis of a calibrated camera.
-    dropped is the nominal camera where the image has another field of view. turned_over is whether
-    the rows are in the other order than those of the image that was given, a mirrored one.
+    Attributes:
+        centroids: Detections of the image (Centroids), those of false stars included.
+        identification: Which catalogue star each of them is (Identification).
+        camera: The lens, fitted to the stars where `fitted`.
+        lens_px: 1 sigma error per axis that the lens leaves in the pixel of a star, px.
+        sky: Pixels to ICRS directions and back; None without an attitude.
+        bodies: Planets, Moon and Sun in the image; empty without an attitude.
+        dropped: The camera that was given, where the image has another field of view.
+        turned_over: Whether the rows are in the other order than those of the image that was
+            given: that one is mirrored.
+        fitted: Whether the lens is fitted to this image, not that of a calibrated camera.
+        photograph: The image as it was solved, with the order of the rows of its file.
+        epoch_year: Julian year of the star places.
+
+    The attitude is that of the sensor axes of `camera`, +z its optical axis: star directions
+    turned by it and projected by `camera` are the pixels of the stars. Pointing and roll are
+    those of the middle of the image where `fitted`, else of the optical axis.
+
     """
 
     centroids: Centroids
@@ -40,6 +68,8 @@ class Solution:
     dropped: Camera | None = None
     turned_over: bool = False
     fitted: bool = False
+    photograph: Photograph | None = None
+    epoch_year: float = float('nan')
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':
@@ -61,7 +91,7 @@ class Solution:
 
     @property
     def solved(self) -> bool:
-        """Return whether there is an attitude."""
+        """Whether there is an attitude."""
         return self.identification.attitude is not None
 
     @property
@@ -71,40 +101,44 @@ class Solution:
 
     @property
     def reason(self) -> str:
-        """Return why there is no attitude, empty where there is one."""
+        """Why there is no attitude; empty with one."""
         return '' if self.solved else self.identification.reason
 
     @property
     def quaternion(self) -> np.ndarray | None:
-        """q_icrf_from_sensor (4,) of the axes of camera, None without an attitude."""
+        """
+        Attitude (4,) float64 of the sensor axes of `camera`: q_icrf_from_sensor; else None.
+
+        In the order x, y, z, w: v_icrf = R(q) v_sensor.
+        """
         attitude = self.identification.attitude
         return None if attitude is None else attitude.quaternion
 
     @property
     def covariance_sensor(self) -> np.ndarray | None:
-        """Covariance (3, 3) rad^2 of a rotation vector about sensor axes, or None."""
+        """Covariance (3, 3) rad^2 of the error about sensor axes, None without an attitude."""
         attitude = self.identification.attitude
         return None if attitude is None else attitude.covariance_sensor
 
     @property
     def ra_deg(self) -> float:
-        """Right ascension of the middle of the image, or of a calibrated axis; else NaN."""
+        """Right ascension of the middle of the image, or of a calibrated axis, deg; else NaN."""
         return self._pointing_deg[0]
 
     @property
     def dec_deg(self) -> float:
-        """Declination of the middle of the image, or of a calibrated axis; else NaN."""
+        """Declination of the middle of the image, or of a calibrated axis, deg; else NaN."""
         return self._pointing_deg[1]
 
     @property
     def roll_deg(self) -> float:
-        """Position angle of image up, from celestial north through east; NaN without attitude."""
+        """Position angle of image up, from celestial north through east, deg; else NaN."""
         return self._pointing_deg[2]
 
     @property
     def fov_deg(self) -> float:
         """
-        Horizontal field of view of the camera with its distortion, NaN without an attitude.
+        Horizontal field of view with the distortion, deg; NaN without an attitude.
 
         NaN as well for a fisheye whose lens is fitted to stars that are far from these edges: all
         beyond its stars, as the black margin, is extrapolated.
@@ -125,12 +159,12 @@ class Solution:
 
     @property
     def matched(self) -> int:
-        """Return the number of identified stars."""
+        """Number of identified stars."""
         return self.identification.matched
 
     @property
     def residual_arcsec(self) -> float:
-        """Rms angle between stars and their catalogue directions, NaN without an attitude."""
+        """Rms angle between stars and catalogue directions, arcsec; NaN without an attitude."""
         attitude = self.identification.attitude
         if attitude is None:
             return float('nan')
@@ -140,6 +174,94 @@ class Solution:
     def false_alarm(self) -> float:
         """Probability that the best candidate is chance."""
         return self.identification.false_alarm_probability
+
+    @property
+    def stars(self) -> np.ndarray:
+        """
+        The identified stars, in the order of `centroids`.
+
+        Returns:
+            Structured array (N,), empty without an attitude: `hip` (int32, Hipparcos number), and
+            as float64 `magnitude` (V, of the catalogue), `ra_deg` and `dec_deg` (of the centroid
+            by this attitude and lens, ICRS), `u_px` and `v_px` (centroid, (0, 0) the centre of
+            the top-left pixel), `flux_dn`, `snr`, `sigma_px` (1 sigma per axis) and `residual_px`
+            (centroid from catalogue). `pandas.DataFrame(solution.stars)` takes it.
+
+        """
+        found = self.identification
+        row = np.flatnonzero(found.hip) if self.sky is not None else np.empty(0, int)
+        seen, stars = self.centroids.select(row), np.zeros(len(row), STAR)
+        if self.sky is not None:
+            ra, dec = radec_from_unit(self.sky.directions(seen.uv))
+            stars['ra_deg'], stars['dec_deg'] = np.degrees(ra) % 360, np.degrees(dec)
+        stars['u_px'], stars['v_px'] = seen.uv.T
+        for name, column in (
+                ('hip', found.hip[row]), ('magnitude', found.magnitude[row]),
+                ('flux_dn', seen.flux), ('snr', seen.snr), ('sigma_px', seen.sigma_px),
+                ('residual_px', found.residual_px[row])):
+            stars[name] = column
+        return stars
+
+    def annotate(self, name: str = '') -> np.ndarray:
+        """
+        Draw the image with its stars, constellations and planets, as `solve --annotate` does.
+
+        Args:
+            name: What stands before the pointing in the text below the image.
+
+        Returns:
+            Picture (H', W, 3) uint8 in the order red, green, blue, upright, with H' > H for the
+            text. Without an attitude it has the detections alone, and the reason.
+
+        """
+        assert self.photograph is not None
+        picture = annotated(self.photograph.image, self.centroids.uv, self.identification.hip,
+                            self.sky, self.epoch_year, self.bodies)
+        return captioned(picture, self._caption(name))
+
+    def _caption(self, name: str) -> list[tuple[str, Colour]]:
+        """Return what stands below a picture: what it shows, and what its marks mean."""
+        field = '' if np.isnan(self.fov_deg) else f'field {self.fov_deg:.3f} deg, '
+        found = (f'RA {self.ra_deg:.4f} deg, Dec {self.dec_deg:+.4f} deg, roll '
+                 f'{self.roll_deg:.2f} deg, {field}{self.matched} stars, '
+                 f'residual {self.residual_arcsec:.2f} arcsec, ICRS, epoch J{self.epoch_year:.2f}'
+                 if self.sky is not None else f'not solved: {self.reason}')
+        lines = [(f'{name}: {found}' if name else found, TEXT)]
+        if self.sky is not None:
+            lines += [('green circle: identified star with its name or number in Hipparcos',
+                       IDENTIFIED),
+                      ('blue: constellations, bright stars that are not identified', NAMED)]
+        if self.bodies:
+            lines.append(('yellow circle: planet, Moon or Sun', BODY))
+        return [*lines, ('orange circle: spot that is not identified', FOUND)]
+
+    def wcs(self) -> Cards:
+        """
+        Return the FITS header of the image, as `solve --wcs` writes it.
+
+        Returns:
+            Values by keyword: TAN or, of fisheyes, ZPN, with SIP polynomials where the lens needs
+            them, for rows in the order of the file or array. `astropy.wcs.WCS(solution.wcs())`
+            takes it. Positions are astrometric ICRS: the fit absorbs aberration and refraction.
+
+        Raises:
+            NoSolutionError: The image has no attitude.
+            WcsError: No FITS projection has the lens to within 0.5 px.
+
+        """
+        if self.sky is None:
+            raise NoSolutionError(self.reason)
+        assert self.photograph is not None
+        return image_wcs(self.sky, self.photograph.mirrored, self.photograph.bottom_up,
+                         self.centroids.uv[self.identification.hip > 0])
+
+    def summary(self) -> dict[str, str]:
+        """Return the figures of repr()."""
+        if not self.solved:
+            return {'solved': 'False', 'reason': repr(self.reason)}
+        return {'solved': 'True', 'ra_deg': f'{self.ra_deg:.4f}', 'dec_deg': f'{self.dec_deg:.4f}',
+                'roll_deg': f'{self.roll_deg:.4f}', 'fov_deg': f'{self.fov_deg:.4f}',
+                'matched': str(self.matched), 'residual_arcsec': f'{self.residual_arcsec:.2f}'}
 
     @property
     def _pointing_deg(self) -> tuple[float, float, float]:

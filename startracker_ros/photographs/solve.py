@@ -4,15 +4,15 @@
 """Attitude of image files: extraction, identification, pointing."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain, count, islice
 from pathlib import Path
-import sys
 import time
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
@@ -33,13 +33,15 @@ from startracker_ros.io.images.images import (
     camera_of, ideal_camera, ImageError, Photograph, read_photograph)
 from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
+from startracker_ros.io.output import output_folder, write_output
+from startracker_ros.io.progress import progress
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.photographs.hot_clusters import without_clusters
-from startracker_ros.photographs.outputs import Outputs
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG
+from startracker_ros.photographs.sip import wcs_header
 from startracker_ros.photographs.solution import MIN_STARS, Solution
 from startracker_ros.photographs.tiled import Place
 from startracker_ros.photographs.tiles import TiledCatalogue
@@ -135,6 +137,47 @@ def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: Apparent
     return Solution(centroids, found, camera, sky=mapping)
 
 
+@dataclass(frozen=True)
+class Outputs:
+    """Folders of annotated pictures and of FITS headers, None for no such files."""
+
+    annotate_folder: Path | None = None
+    wcs_folder: Path | None = None
+
+    def check(self) -> None:
+        """Make the folders; OutputError where that fails, before long work and not after it."""
+        for folder in (self.annotate_folder, self.wcs_folder):
+            if folder is not None:
+                output_folder(folder)
+
+    @property
+    def writers(self) -> tuple[Callable[[str, Solution], Path | None], ...]:
+        """
+        Return what writes the file of each kind, and returns its path, None for no such file.
+
+        Each is called with a name without a suffix and a solution. OutputError, and WcsError of
+        Solution.wcs().
+        """
+        return self._write_picture, self._write_wcs
+
+    def _write_picture(self, name: str, solution: Solution) -> Path | None:
+        if self.annotate_folder is None:
+            return None
+        # In memory: OpenCV reports a full disk on stderr alone.
+        content = cv2.imencode('.png', solution.annotate(name)[..., ::-1])[1].tobytes()
+        return _written(self.annotate_folder / f'{name}.png', content)
+
+    def _write_wcs(self, name: str, solution: Solution) -> Path | None:
+        if self.wcs_folder is None or not solution.solved:
+            return None
+        return _written(self.wcs_folder / f'{name}.wcs', wcs_header(solution.wcs()))
+
+
+def _written(path: Path, content: bytes) -> Path:
+    write_output(path, content)
+    return path
+
+
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
                 observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
@@ -165,7 +208,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     written = list[Path]()
-    for shot in _progress(shots(paths, output_names(paths), selection), paths):
+    for shot in progress(shots(paths, output_names(paths), selection), 'solve',
+                         None if any(map(is_video, paths)) else len(paths),
+                         name=lambda shot: shot.label):
         row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
         rows.append(row)
         if shot.photograph is None:
@@ -184,7 +229,6 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         whens.append(when)
         observers.append(observer)
         if solution.turned_over:
-            photograph = photograph.turn_over()
             turned_over.append(shot.label)
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
@@ -193,7 +237,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
         for write in outputs.writers:
             with OneOfSeveral(partial(row.__setitem__, 'not_written')):
-                if (file := write(shot.output, photograph, solution, when.year)) is not None:
+                if (file := write(shot.output, solution)) is not None:
                     files.append(file)
         row['written'] = [*map(str, files)]
         written += files
@@ -268,17 +312,18 @@ class Solvers:
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
         solution, time_ms = self._solve(path, photograph, when, observer, bodies, place)
         if solution.status == 'mirrored' and not photograph.order_known:
-            solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies,
-                                            place)
-            return replace(solution, turned_over=True), time_ms + more_ms
-        if not solution.solved:
+            photograph = photograph.turn_over()
+            solution, more_ms = self._solve(path, photograph, when, observer, bodies, place)
+            solution, time_ms = replace(solution, turned_over=True), time_ms + more_ms
+        elif not solution.solved:
             # Sharp stars of compressed images look like such clusters: these are no first choice.
             clean = without_clusters(photograph.image)
             if clean is not photograph.image:
                 cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,
                                                observer, bodies, place)
-                return (cleaned.of_tries(2) if cleaned.solved else solution), time_ms + more_ms
-        return solution, time_ms
+                solution = cleaned.of_tries(2) if cleaned.solved else solution
+                time_ms = time_ms + more_ms
+        return replace(solution, photograph=photograph, epoch_year=when.year), time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
                bodies: Bodies, place: Place | None) -> tuple[Solution, np.ndarray]:
@@ -311,17 +356,6 @@ def _clocks_s() -> np.ndarray:
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
                        ) -> tuple[Identifier, OnboardCatalog]:
     return make_identifier(camera, year, options), camera_stars(camera, year)
-
-
-def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
-    """Return what is found, with a progress bar on a terminal where that is more than one."""
-    from rich.console import Console
-    from rich.progress import track
-    videos = any(map(is_video, paths))
-    if len(paths) < 2 and not videos or not sys.stderr.isatty():
-        return found
-    return track(found, 'solve', total=None if videos else len(paths),
-                 console=Console(stderr=True), transient=True)
 
 
 def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[str, object]:

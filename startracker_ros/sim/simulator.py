@@ -21,18 +21,20 @@ class SkySimulator(simulator.SkySimulator):
     """
     Images, gyro rates and truth of a camera under the sky of the catalogue.
 
-    frame(time_s) has image, state (truth) and stars; gyro(time_s) the measured rate on sensor
-    axes in rad/s. Time 0 is at epoch_year.
+    Args:
+        camera: Lens of the images.
+        epoch_year: Epoch of time 0: Julian year, datetime or text as `'2026-07-02T12:00:00Z'`,
+            UTC without a zone.
+        frame_rate_hz: Rate of the frames, which torn and repeated ones depend on, Hz.
+        **options: Parameters of the node sky_simulator, as `rate_deg_s=(0.1, 0.0, 0.0)`.
+
+    Raises:
+        ValueError: A wrong argument or option; the text names those there are.
+
     """
 
     def __init__(self, camera: Camera, epoch_year: float | datetime | str, *,
                  frame_rate_hz: float = 10.0, **options: Any) -> None:
-        """
-        Take the camera, the epoch of time 0, and parameters of sky_simulator by name.
-
-        The epoch is that of StarTracker; width and height are those of the camera. ValueError
-        names what is wrong, and which names there are.
-        """
         chosen = options_by_class(SKY_OPTIONS, options)
 
         def of(cls: type[_Kind]) -> _Kind:

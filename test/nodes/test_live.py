@@ -5,6 +5,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import time
 from urllib.request import urlopen
 
 import cv2
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from limits import HANGS_S
 import numpy as np
@@ -133,6 +135,7 @@ def test_the_page_shows_state_and_sky_while_it_runs(ran):
                   for index in range(FRAMES)]
     assert tracking['constellation'] in {NAMES[constellation_at(one)] for one in boresights}
     assert int(tracking['stars tracked']) >= 4
+    assert float(re.search(r'newest (.*) s ago', tracking['camera'])[1]) < 5
     # A video does not say how it was exposed.
     assert tracking['exposure'] == '-'
     focused = next(state['focus'] for state in browser.states if 'px' in state.get('focus', ''))
@@ -156,6 +159,26 @@ def test_a_foreign_attitude_that_is_none_is_passed_over(tmp_path):
             publisher.publish(mount_to_pose(np.array([0.0, 0.0, 0.0, 1.0]), np.eye(3), header))
         rig.probe.send_until(send, lambda: rig.attitude is not None, 'the attitude')
         assert (rig.attitude == [0, 0, 0, 1]).all() and (rig.covariance == np.eye(3)).all()
+
+
+def test_a_tracker_whose_stars_jump_has_no_sequence_of_images(tmp_path):
+    jump = DiagnosticStatus(message='ACQUIRING', values=[
+        KeyValue(key='reason', value='two identifications 360 deg/s apart')])
+    with LiveRig(tmp_path, CAMERA) as rig:
+        publisher = rig.probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+        assert rig.problem == ''
+        rig.probe.send_until(lambda: publisher.publish(jump), lambda: rig.problem, 'the jump')
+        assert rig.texts()['state'].endswith(
+            'not one sequence: two identifications 360 deg/s apart; solve unrelated photographs '
+            'with startracker solve')
+        tracks = DiagnosticStatus(message='TRACKING')
+        rig.probe.send_until(lambda: publisher.publish(tracks), lambda: not rig.problem, 'tracks')
+
+
+def test_unrelated_photographs_are_named_as_such(tmp_path, sky_data):
+    with pytest.raises(HarnessError, match=r'not one sequence: two in a row are [\d.]+ deg apart '
+                       r'in 0\.1 s; solve unrelated photographs with startracker solve'):
+        run_live(tmp_path, CaptureOptions(device=str(sky_data / 'night-sky-11deg')), fov_deg=11.4)
 
 
 def test_what_gives_no_images_is_named(tmp_path):

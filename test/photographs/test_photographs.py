@@ -24,10 +24,9 @@ from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.photographs.ladder import LadderIdentifier
 from startracker_ros.photographs.learnt_lens import learn_lens
-from startracker_ros.photographs.outputs import Outputs
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.solve import (
-    given_camera, output_names, solve_files, Solvers)
+    given_camera, output_names, Outputs, solve_files, Solvers)
 
 WIDE = IdentificationOptions(fov_error_percent=5.0)
 # Where no field fits, a search lasts until its time is over.

@@ -14,8 +14,7 @@ from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import quaternion_from_pointing, unit_from_radec
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs.outputs import image_wcs, WcsError
-from startracker_ros.photographs.sip import fit_sip
+from startracker_ros.photographs.sip import fit_sip, image_wcs, wcs_header, WcsError
 
 YEAR = 2026.4
 ORBIT = vantage_near_earth(YEAR, np.array([0.0, 6499.0, 3752.0]))
@@ -33,7 +32,8 @@ def camera(fov_deg, distortion=(), centre=(0.0, 0.0), ratio=1.0):
                   ideal.cy + centre[1], (*distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5])
 
 
-def astropy_wcs(content: bytes) -> WCS:
+def astropy_wcs(cards) -> WCS:
+    content = wcs_header(cards)
     assert len(content) % 2880 == 0
     with warnings.catch_warnings():
         warnings.simplefilter('error')
@@ -136,7 +136,8 @@ def test_the_order_is_the_lowest_that_is_enough():
 
 
 def test_cards_are_of_fixed_format():
-    content = image_wcs(SkyMapping(camera(50.0, (-0.1,)), quaternion_from_pointing(1, 0, 0)))
+    content = wcs_header(image_wcs(SkyMapping(camera(50.0, (-0.1,)),
+                                              quaternion_from_pointing(1, 0, 0))))
     cards = [content[at:at + 80].decode() for at in range(0, len(content), 80)]
     assert cards[0] == f'SIMPLE  = {"T":>20}'.ljust(80)
     assert cards.count('END'.ljust(80)) == 1

@@ -21,8 +21,7 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import ImageError, read_image
 from startracker_ros.photographs.epoch_and_site import ObserverSite
-from startracker_ros.photographs.outputs import Outputs
-from startracker_ros.photographs.solve import solve_files
+from startracker_ros.photographs.solve import Outputs, solve_files
 
 # A mirrored image is searched as it is until the time is over.
 HASTY = IdentificationOptions(time_limit_s=0.2)

@@ -32,7 +32,8 @@ _bench('pipeline', 'bench.pipeline:run_pipeline_bench',
 
 @bench.command('lost-in-space')
 @click.option('--all-cells', is_flag=True, help='Every combination of noise, missing and false.')
-@click.option('--camera', 'cameras', multiple=True, help='Cameras to run: A12, B20, C10.')
+@click.option('--camera', 'cameras', multiple=True, metavar='NAME',
+              help='Cameras to run: A12, B20, C10.')
 @_cedar_option
 @trials_option(1000, 'Frames of each case.')
 @only_option('Cases')
@@ -82,20 +83,20 @@ _bench('own-catalogue', 'bench.own_catalogue:run_own_catalogue_bench',
        'Narrow fields with a deep catalogue of the user, near a position and anywhere.',
        trials_option(100, 'Images of each case and search.'), only_option('Cases'),
        click.option('--stars', type=click.IntRange(100_000), default=15_000_000,
-                    show_default=True, help='Stars of the simulated sky.'),
-       click.option('--folder', type=click.Path(path_type=Path),
+                    show_default=True, metavar='N', help='Stars of the simulated sky.'),
+       click.option('--folder', type=click.Path(path_type=Path), metavar='FOLDER',
                     help='Where the catalogue is kept for other runs.'), known='CASES')
 _bench('bag', 'bench.bag:run_bag_bench',
        'Damaged bags, reading beside the mcap library, pace of a playback, cost of recording.',
        click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
-                    help='Damaged bags to read.'),
+                    metavar='N', help='Damaged bags to read.'),
        click.option('--only', multiple=True,
                     type=click.Choice(['damage', 'read', 'pace', 'record']),
                     help='Parts to run.'))
 _bench('centroid', 'bench.centroid:run_centroid_bench',
        'Time, stars found and error of centroids beside sep, photutils and tetra3rs.',
        trials_option(100, 'Images of each signal to noise ratio.'),
-       click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000),
+       click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000), metavar='SNR',
                     help='Signal to noise ratios of the stars.  [default: 7, 10, 30, 100, 300]'))
 _bench('smear', 'bench.smear:run_smear_bench',
        'Error of the centroids of smeared stars over the Cramer-Rao bound.',
@@ -108,12 +109,12 @@ _bench('jpda', 'bench.jpda:run_jpda_bench',
        trials_option(5, 'Runs of each scene.'),
        click.option('--scene', 'scenes', multiple=True,
                     type=click.Choice(['apart', 'crossing', 'close']), help='Scenes to run.'),
-       click.option('--tracks', multiple=True, type=click.IntRange(2, 500),
+       click.option('--tracks', multiple=True, type=click.IntRange(2, 500), metavar='N',
                     help='Numbers of tracks.  [default: 4, 10, 20, 40, 100, 200]'))
 _bench('attitude', 'bench.attitude:run_attitude_bench',
        "Time, error and covariance of the attitude solvers beside SciPy's align_vectors.",
        trials_option(2000, 'Draws of each number of vectors.'),
-       click.option('--vectors', multiple=True, type=click.IntRange(2, 1000),
+       click.option('--vectors', multiple=True, type=click.IntRange(2, 1000), metavar='N',
                     help='Numbers of vectors.  [default: 4, 20, 40]'))
 _bench('reprocess', 'bench.reprocess:run_reprocess_bench',
        'Frames a second of reprocessing, reading beside a plain read, one and two workers.',

@@ -20,10 +20,10 @@ def campaign() -> None:
 
 
 @campaign.command('papers')
-@click.option('--trials', type=click.IntRange(1), help='Trials of each campaign.  [default: as '
-              'many as the bounds of each need]')
-@click.option('--only', multiple=True, help='Campaigns to run, by name; the page has the kept '
-              'results of the others.')
+@click.option('--trials', type=click.IntRange(1), metavar='N',
+              help='Trials of each campaign.  [default: as many as the bounds of each need]')
+@click.option('--only', multiple=True, metavar='NAME',
+              help='Campaigns to run, by name; the page has the kept results of the others.')
 @click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='papers',
               callback=check_pictures, show_default=True,
               help='Folder for the page, the results and the pictures.')
@@ -77,12 +77,13 @@ _campaign('closed-loop', 'campaign.closed_loop:run_closed_loop_campaign',
           only_option('Conditions'), scheduler_option, known='CONDITIONS', kind='condition')
 _campaign('faults', 'campaign.faults:run_faults_campaign',
           'Kill and stop processes, send bad images, clocks and disks: see how the nodes recover.',
-          click.option('--only', multiple=True, help='Faults to do, by name.'),
+          click.option('--only', multiple=True, metavar='NAME',
+                       help='Faults to do, by name.'),
           known='NAMES', kind='fault', error=HARNESS)
 _campaign('lifecycle', 'campaign.lifecycle:run_lifecycle_campaign',
           'Configure, activate, deactivate and clean up the nodes at random: they always return.',
           trials_option(1000, 'Sequences of four random transitions in each mode.'),
-          click.option('--only', multiple=True,
+          click.option('--only', multiple=True, metavar='NAME',
                        help='Modes to run, by name: composed, processes.'),
           known='MODES', kind='mode', error=HARNESS)
 _campaign('full-frame', 'campaign.full_frame:run_full_frame_campaign',
@@ -91,7 +92,7 @@ _campaign('full-frame', 'campaign.full_frame:run_full_frame_campaign',
 _campaign('soak', 'campaign.soak:run_soak_campaign',
           'Many frames through the nodes: memory, handles, processor time and latency stay flat.',
           click.option('--frames', type=click.IntRange(500), default=100_000, show_default=True,
-                       help='Frames to send.'), error=HARNESS)
+                       metavar='N', help='Frames to send.'), error=HARNESS)
 _campaign('centroid', 'campaign.centroid:run_centroid_campaign',
           'Weighted means at right and wrong thresholds on real photographs.',
           click.option('--images', 'folder', metavar='FOLDER',

@@ -21,7 +21,7 @@ HARNESS = 'startracker_ros.ros.processes:HarnessError'
 
 def only_option(what: str) -> Option:
     """Return the option --only of what is run, by name."""
-    return click.option('--only', multiple=True, help=f'{what} to run, by name.')
+    return click.option('--only', multiple=True, metavar='NAME', help=f'{what} to run, by name.')
 
 
 def measurement(group: click.Group, name: str, run: str, summary: str, *options: Option,

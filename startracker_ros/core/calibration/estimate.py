@@ -54,12 +54,17 @@ class Calibration:
     """
     A calibrated camera with its stars and residuals.
 
-    adjustment holds the camera, the parameters and their covariance; `frames` (F,) are the
-    indices of its views. held has the reason for each term that was held fixed, at zero or its
-    initial value, which the covariance assumes to be exact. stars are those used; their
-    residuals (N, 2) in px are residual_px with this camera, pinhole_px with an ideal one of the
-    best focal length, and left_out_px with cameras calibrated without the frame of the star
-    (NaN for two frames).
+    Attributes:
+        adjustment: Parameters and their covariance (Adjustment), and the camera.
+        frames: (F,) int, indices of the images that are used.
+        held: Why each term that is not estimated is held at zero or its initial value, by name.
+            The covariance takes these as exact.
+        stars: The N stars of all frames (MatchedStars).
+        residual_px: (N, 2) float64, px, image minus catalogue with this camera.
+        pinhole_px: (N, 2) the same with an ideal camera of the best focal length.
+        left_out_px: (N, 2) the same with cameras calibrated without the frame of the star; NaN
+            for two frames.
+
     """
 
     adjustment: Adjustment
@@ -72,7 +77,7 @@ class Calibration:
 
     @property
     def camera(self) -> Camera:
-        """Return the calibrated camera."""
+        """The calibrated `Camera`."""
         return self.adjustment.camera
 
 

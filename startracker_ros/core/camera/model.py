@@ -41,10 +41,20 @@ class Camera:
     """
     A camera; pixel (0, 0) is the centre of the top-left pixel.
 
-    fx, fy, cx, cy are in px; width and height are whole numbers of any type, kept as int.
-    distortion are the coefficients of distortion_model in the order of sensor_msgs/CameraInfo
-    (distortion.py). The principal point may be outside of the image, which may be a part of that
-    of the sensor. CameraError for impossible parameters.
+    Args:
+        width: Columns of the image, px; a whole number of any type.
+        height: Rows of the image, px.
+        fx: Focal length along the rows, px.
+        fy: Focal length along the columns, px.
+        cx: Column of the principal point, px; it may be outside of the image, which may be a part
+            of that of the sensor.
+        cy: Row of the principal point, px.
+        distortion: Coefficients of `distortion_model` in the order of sensor_msgs/CameraInfo.
+        distortion_model: `'plumb_bob'`, `'rational_polynomial'` or `'equidistant'`.
+
+    Raises:
+        CameraError: Parameters that no real camera has.
+
     """
 
     width: int
@@ -88,7 +98,22 @@ class Camera:
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float,
                  distortion_model: str = PLUMB_BOB) -> 'Camera':
-        """Return an ideal camera with a horizontal field of view of fov_deg, edge to edge."""
+        """
+        Make an ideal camera of a field of view, its principal point in the middle.
+
+        Args:
+            width: Columns of the image, px.
+            height: Rows of the image, px.
+            fov_deg: Horizontal field of view, edge to edge, deg.
+            distortion_model: Model of its distortion, which is zero.
+
+        Returns:
+            `Camera` with square pixels.
+
+        Raises:
+            CameraError: An impossible size or field of view.
+
+        """
         model = MODELS[distortion_model]
         if not 0 < fov_deg < model.limit_deg:
             raise CameraError(f'field of view {fov_deg} deg must be within 0 .. '
@@ -241,7 +266,17 @@ class Camera:
         return replace(self, distortion=(0.0,) * len(self.distortion))
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Return pixels (..., 2) of sensor-frame vectors (..., 3); NaN behind the camera."""
+        """
+        Project directions onto the image.
+
+        Args:
+            directions: (..., 3) vectors in the sensor frame, of any length: x right, y down, z
+                along the boresight out of the lens.
+
+        Returns:
+            Pixels (..., 2) float64; NaN behind the camera.
+
+        """
         directions = np.asarray(directions, float)
         if self._ideal:
             z = directions[..., 2:]
@@ -253,9 +288,15 @@ class Camera:
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
         """
-        Return unit vectors (..., 3) in the sensor frame of pixels (..., 2).
+        Return the directions of pixels.
 
-        NaN outside the image circle of an equidistant lens.
+        Args:
+            pixels: (..., 2) px.
+
+        Returns:
+            Unit vectors (..., 3) float64 in the sensor frame; NaN outside the image circle of an
+            equidistant lens.
+
         """
         pixels = np.asarray(pixels, float)
         if self._ideal:

@@ -32,11 +32,19 @@ _KM_S_PER_AU_YR = AU_M / YEAR_S / 1000
 @dataclass(frozen=True)
 class StarCatalog:
     """
-    Stars by magnitude, brightest first; every array is (N,).
+    Stars by magnitude, brightest first; float32 but for the first three columns.
 
-    hip is int32; ra_rad and dec_rad are float64, ICRS at J1991.25; the rest is float32.
-    pm_ra_mas_yr holds the factor cos(dec); magnitude is Johnson V; bp_rp the colour of Gaia.
-    variation_mag is the standard deviation of the brightness of a variable, 0 for other stars.
+    Attributes:
+        hip: (N,) int32, Hipparcos numbers.
+        ra_rad: (N,) float64, right ascension, rad, ICRS at J1991.25.
+        dec_rad: (N,) float64, declination, rad, ICRS at J1991.25.
+        pm_ra_mas_yr: (N,) proper motion in right ascension times cos(declination), mas/yr.
+        pm_dec_mas_yr: (N,) proper motion in declination, mas/yr.
+        parallax_mas: (N,) mas.
+        magnitude: (N,) Johnson V.
+        bp_rp: (N,) colour of Gaia, mag.
+        variation_mag: (N,) standard deviation of the brightness of variables, mag; else 0.
+
     """
 
     hip: np.ndarray
@@ -64,7 +72,16 @@ class StarCatalog:
         return _MAS * np.maximum(self.parallax_mas, 0)
 
     def brighter_than(self, limit: float) -> 'StarCatalog':
-        """Return the stars of magnitude up to and including limit."""
+        """
+        Select bright stars.
+
+        Args:
+            limit: Faintest magnitude, V, included.
+
+        Returns:
+            `StarCatalog` of these stars.
+
+        """
         # In float32 like the magnitudes, so that a star exactly at the limit is included.
         count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
         return self.rows(slice(count))
@@ -75,10 +92,18 @@ class StarCatalog:
 
     def directions(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
         """
-        Return unit vectors (N, 3) in ICRS at a Julian year, seen from a barycentric position (3,).
+        Propagate the stars to an epoch.
 
         Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5), with a radial
-        velocity of zero except for RADIAL_VELOCITY_KM_S. Without a position there is no parallax.
+        velocity of zero except for RADIAL_VELOCITY_KM_S.
+
+        Args:
+            epoch_year: Julian year.
+            observer_au: Barycentric position (3,) on ICRF axes, au. Default: no parallax.
+
+        Returns:
+            Unit vectors (N, 3) float64 on ICRF axes.
+
         """
         moved = self._places(epoch_year, observer_au)
         moved /= _lengths(moved)
@@ -129,7 +154,13 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def load_catalog() -> StarCatalog:
-    """Return the stars of the package, V <= 9; the arrays are shared and read-only."""
+    """
+    Load the Hipparcos stars of the package, to V 9.
+
+    Returns:
+        `StarCatalog`; its arrays are shared and read-only.
+
+    """
     with np.load(CATALOG_FILE) as columns:
         arrays = [columns[field.name] for field in fields(StarCatalog)]
     for array in arrays:

@@ -26,13 +26,18 @@ class Centroids:
     """
     Star images of one frame, brightest first; all arrays float64.
 
-    uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) of the whole star in DN;
-    snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis, the root mean
-    square of both; covariance (N, 2, 2) px^2 of uv, round if left empty; delay_s (N,) from the
-    time of the frame to the middle of the exposure of the star's own row, zero if left empty;
-    common (N, 2, 2) px^2, the same for all stars of an image, the covariance of an error that all
-    share, beside their own: of motion that is not uniform in the exposure; zero if left empty.
-    exposure_s are the least and the largest exposure that the image may have had.
+    Args:
+        uv: (N, 2) px, (0, 0) the centre of the top-left pixel.
+        flux: (N,) DN, of the whole star.
+        snr: (N,) flux over its 1 sigma error.
+        sigma_px: (N,) 1 sigma error per axis, px, the root mean square of both.
+        covariance: (N, 2, 2) px^2, of uv. Default: round, of sigma_px.
+        delay_s: (N,) s, from the stamp of the frame to the middle of the exposure of the row of
+            the star. Default: 0.
+        common: (N, 2, 2) px^2, the same for all stars: covariance of an error that all share, of
+            motion that is not uniform in the exposure. Default: 0.
+        exposure_s: Smallest and largest exposure that the image may have had, s.
+
     """
 
     uv: np.ndarray

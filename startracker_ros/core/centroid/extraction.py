@@ -61,13 +61,19 @@ class ExtractionOptions(Options):
 @dataclass(frozen=True)
 class Extraction:
     """
-    Centroids of an image, its background and its rejected spots.
+    Centroids of an image, its background and its rejected detections.
 
-    status is 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many'; reason explains
-    it, empty when ok. background_dn and noise_dn (1 sigma of a pixel) are medians over the
-    image, psf_sigma_px that fitted with; NaN where not measured. rejected counts the
-    spots left out, by reason; rejected_uv (R, 2) px are where they are. streak is the motion
-    fitted with, None for points.
+    Attributes:
+        centroids: The stars (`Centroids`).
+        status: 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many'.
+        reason: The status in words, empty when ok.
+        background_dn: Median background, DN; NaN where not measured.
+        noise_dn: Median noise of a pixel, 1 sigma, DN; NaN where not measured.
+        psf_sigma_px: Width (1 sigma) of the star images, px; NaN where not measured.
+        rejected: Number of rejected detections by reason.
+        rejected_uv: (R, 2) px, where they are.
+        streak: Motion of the stars in the exposure (Streak), None for points.
+
     """
 
     centroids: Centroids

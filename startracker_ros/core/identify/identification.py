@@ -58,12 +58,19 @@ class IdentificationOptions(Options):
 @dataclass(frozen=True)
 class Identification:
     """
-    Which catalogue star each centroid is.
+    Which catalogue star each of N centroids is.
 
-    status is identified, too_few_stars, no_candidate, ambiguous or time_limit; reason
-    explains it. hip (N,) int32 is 0 where not identified, magnitude and residual_px (N,) NaN
-    there. attitude is None unless identified. focal_ratio is the fitted focal length over
-    that of the camera; false_alarm_probability that of the best candidate.
+    Attributes:
+        status: 'identified', 'too_few_stars', 'no_candidate', 'ambiguous' or 'time_limit'.
+        reason: The status in words.
+        hip: (N,) int32, Hipparcos numbers, 0 where not identified.
+        magnitude: (N,) float64, V, of the catalogue; NaN where not identified.
+        residual_px: (N,) float64, px, from the catalogue position; NaN where not identified.
+        attitude: Attitude of the sensor (AttitudeEstimate) with `quaternion` (4,), x, y, z, w,
+            v_icrf = R(q) v_sensor, and `covariance_sensor` (3, 3) rad^2; None unless identified.
+        focal_ratio: Fitted focal length over that of the camera.
+        false_alarm_probability: Probability that the best candidate is chance.
+
     """
 
     status: str
@@ -77,7 +84,7 @@ class Identification:
 
     @property
     def matched(self) -> int:
-        """Return the number of identified stars."""
+        """Number of identified stars."""
         return int(np.count_nonzero(self.hip))
 
 
@@ -102,9 +109,12 @@ class FieldStars:
 @dataclass(frozen=True)
 class Candidates:
     """
-    Catalogue indices stars (M, B) that image stars base (B,) may be.
+    Catalogue stars that a few image stars may be.
 
-    Both are rows: of CandidateIdentifier.onboard, and of the field.
+    Args:
+        base: (B,) int, rows of the field that `CandidateIdentifier.candidates()` received.
+        stars: (M, B) int, rows of `CandidateIdentifier.onboard`, a candidate in each.
+
     """
 
     base: np.ndarray
@@ -241,11 +251,27 @@ class Identifier(ABC):
 
 
 class CandidateIdentifier(Identifier):
-    """An identifier whose method yields candidates, the most probable first."""
+    """
+    Base of a custom identification method: a subclass yields candidates, the field verifies them.
+
+    `self.onboard` has the unit vectors `direction` (M, 3) of the catalogue stars on ICRF axes,
+    `self.camera` is the lens, `self.options` those of star_identifier. Pass the class as the
+    `method` of `identify()`.
+    """
 
     @abstractmethod
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
-        """Yield the catalogue stars that some of the image stars may be."""
+        """
+        Yield what a few image stars may be, the most probable candidates first.
+
+        Args:
+            field: Usable stars of the image, brightest first: `direction` (N, 3) unit vectors in
+                the sensor frame, `sigma_rad` (N,) errors per axis, `flux` (N,) DN.
+
+        Returns:
+            Iterator of `Candidates`; the search ends with the first one that is verified.
+
+        """
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the first candidate that is verified; ValueError for one of no such stars."""

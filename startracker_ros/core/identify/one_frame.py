@@ -26,14 +26,25 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float | dateti
              method: str | type[Identifier] = 'pyramid', aberration: str = 'earth_only',
              **options: Any) -> Identification:
     """
-    Return which catalogue star each centroid is, and the attitude of the sensor in ICRF.
+    Identify the centroids of one frame; the attitude is that of the sensor in ICRF.
 
-    camera is known to fov_error_percent. method is a name, or a class of one's own as
-    CandidateIdentifier. aberration is that of the Earth's velocity at the Julian
-    year, or 'none' for a sky without. options are those of star_identifier, as they are in
-    IdentificationOptions. The database of a camera is built by the first call and kept. ValueError
-    for a wrong option, for what are no Centroids, and for a method of one's own with rows that the
-    catalogue does not have; CameraError for a field that the method cannot handle.
+    The first call builds the pattern database of a camera; it is kept.
+
+    Args:
+        centroids: Detections of the frame, of `extract()` or made of a list.
+        camera: Lens, its focal length known to `fov_error_percent`, 0.5 by default.
+        epoch_year: Julian year, datetime or text as `'2026-07-02T12:00:00Z'`, UTC without a zone.
+        method: Name of a method (pyramid, quad, ...), or a subclass of `CandidateIdentifier`.
+        aberration: `'earth_only'`, for the velocity of the Earth, or `'none'`.
+        **options: Parameters of the node star_identifier, as `magnitude_limit=6.0`.
+
+    Returns:
+        `Identification`; its `status` is 'identified', or its `reason` says why not.
+
+    Raises:
+        CameraError: A field of view that the method cannot handle.
+        ValueError: A wrong argument or option, or candidates that the catalogue does not have.
+
     """
     of_type('centroids', centroids, Centroids, MADE_BY)
     epoch_year = julian_year(epoch_year, 'epoch_year')

@@ -15,9 +15,17 @@ import yaml
 
 def load_camera(path: str | Path) -> Camera:
     """
-    Return the camera of a YAML file of ROS camera_calibration, or of a FITS header with TAN-SIP.
+    Read a camera file.
 
-    CameraError if invalid.
+    Args:
+        path: YAML of ROS camera_calibration, or FITS header with TAN, ZPN and SIP.
+
+    Returns:
+        `Camera`.
+
+    Raises:
+        CameraError: A file that cannot be read, or no such calibration.
+
     """
     if is_wcs(path):
         return read_wcs_camera(path).camera

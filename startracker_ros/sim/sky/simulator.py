@@ -103,7 +103,17 @@ class SkySimulator:
         self._gyro_time_s = np.inf
 
     def frame(self, time_s: float) -> Frame:
-        """Return the frame stamped time_s >= 0 after the start."""
+        """
+        Simulate one frame; it depends on seed and time alone, not on the calls before.
+
+        Args:
+            time_s: Time of the middle of the exposure after the start, s, 0 or more.
+
+        Returns:
+            Frame with `image` (H, W) uint8 or uint16, and the truth: `state` with
+            `q_icrf_from_sensor` (4,) and the rate, `stars` with pixels and HIP numbers.
+
+        """
         frame = self._taken(time_s)
         options, index = self._artefact_options, round(time_s * self._frame_rate_hz)
         torn, repeated = options.torn_frame_probability, options.repeated_frame_probability

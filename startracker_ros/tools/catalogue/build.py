@@ -16,9 +16,8 @@ import json
 import os
 from pathlib import Path
 import shutil
-import sys
 import time
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -26,6 +25,7 @@ from startracker_ros.core.catalog.sky_grid import cell_numbers, cells_along, Sky
 from startracker_ros.core.catalog.stars import CATALOG_EPOCH_YEAR, StarCatalog
 from startracker_ros.core.maths.rotation import radec_from_unit
 from startracker_ros.io.output import output_folder
+from startracker_ros.io.progress import progress
 from startracker_ros.io.star_tables import read_stars, Stars
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.ladder import REFERENCE_YEAR
@@ -37,7 +37,6 @@ from startracker_ros.photographs.tiled import (
 from startracker_ros.photographs.tiles import (
     CatalogueError, COLUMNS, DESCRIPTION, double_precision, FORMAT, QUADS, VERSION)
 
-_Item = TypeVar('_Item')
 
 _ROW = np.dtype([*COLUMNS.items(), ('direction', np.float32, 3)])
 _QUAD = np.dtype([('code', np.float32, 4), ('star', np.int32, 4), ('side', np.float32)])
@@ -146,7 +145,7 @@ def _spool(files: Sequence[Path], spooled: Path, columns: Mapping[str, str],
     most, epochs = -np.inf, [np.inf, -np.inf]
     with spooled.open('wb') as file:
         pieces = ((one, piece) for one in files for piece in read_stars(one, columns))
-        for path, piece in _shown(pieces, 'read'):
+        for path, piece in progress(pieces, 'read'):
             kept, year = _checked(path, piece, epoch_year, faintest)
             rows = _rows(kept, year)
             file.write(rows.tobytes())
@@ -244,7 +243,7 @@ def _place(spooled: Path, part: Path, cells: int) -> SkyGrid:
 def _pieces(rows: np.ndarray, title: str) -> Iterable[np.ndarray]:
     """Return rows (N,) in pieces."""
     first = range(0, len(rows), _PIECE)
-    return _shown((rows[one:one + _PIECE] for one in first), title, len(first))
+    return progress((rows[one:one + _PIECE] for one in first), title, len(first))
 
 
 class _Places:
@@ -270,7 +269,7 @@ def _write_quads(part: Path, sky: SkyGrid, fields: Fields) -> int:
     spooled = part / 'quads.part'
     parts = [*product(level_sides_deg(*side_range_deg(fields)), _slabs(sky))]
     with spooled.open('wb') as file:
-        for side_deg, (first, last) in _shown(parts, 'make quads', len(parts)):
+        for side_deg, (first, last) in progress(parts, 'make quads', len(parts)):
             quads = _quads_of_slab(sky, magnitude, first, last, side_deg)
             quad_start[1:] += np.bincount(
                 _code_cells(quads), minlength=CODE_CELLS).astype(np.int32)
@@ -330,12 +329,3 @@ def _quads_of_slab(sky: SkyGrid, magnitude: np.ndarray, first: int, last: int, s
     quads = np.empty(np.count_nonzero(mine), _QUAD)
     quads['code'], quads['star'], quads['side'] = code[mine], row[mine], side[mine]
     return quads
-
-
-def _shown(items: Iterable[_Item], title: str, total: int | None = None) -> Iterable[_Item]:
-    """Return items, with a progress bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import track
-    if not sys.stderr.isatty():
-        return items
-    return track(items, title, total=total, console=Console(stderr=True), transient=True)

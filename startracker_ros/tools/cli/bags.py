@@ -20,18 +20,23 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument('topics', nargs=-1, metavar='[TOPIC]...')
 @click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              help='Folder of the bag, made anew.  [default: startracker_<date>_<time>]')
+              metavar='FOLDER',
+              help='New folder of the bag.  [default: startracker_<date>_<time>]')
 @click.option('--exclude', multiple=True, metavar='PATTERN',
               help='Topics left out.  [default: */image_annotated, */transition_event]')
 @click.option('--compression', type=click.Choice(['none', 'lz4', 'zstd']), default='zstd',
               show_default=True, help='Of the chunks of the bag.')
-@click.option('--max-file-size-mb', type=click.FloatRange(0), default=0.0,
+@click.option('--max-file-size-mb', type=click.FloatRange(0), default=0.0, metavar='MB',
               help='Begin a new file of the bag when one is larger.')
-@click.option('--max-file-duration-s', type=click.FloatRange(0), default=0.0,
+@click.option('--max-file-duration-s', type=click.FloatRange(0), default=0.0, metavar='SECONDS',
               help='Begin a new file of the bag when one spans more.')
 def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...],
            compression: str, max_file_size_mb: float, max_file_duration_s: float) -> None:
-    """Record TOPICs (patterns with *, all by default) into an MCAP bag, until Ctrl-C."""
+    """
+    Record TOPICs into an MCAP bag until Ctrl-C, all by default.
+
+    TOPICs are names, or patterns with *.
+    """
     from startracker_ros.io.output import output_folder
     from startracker_ros.ros.processes import parameter_arguments
     parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
@@ -57,21 +62,25 @@ def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...
               '*/transition_event]')
 @click.option('--remap', 'remaps', multiple=True, metavar='FROM:=TO', help='Rename a topic.')
 @click.option('--rate', type=click.FloatRange(0.01, 1000), default=1.0, show_default=True,
-              help='Times as fast as recorded.')
-@click.option('--start-offset-s', type=click.FloatRange(0), default=0.0,
+              metavar='FACTOR', help='Times as fast as recorded.')
+@click.option('--start-offset-s', type=click.FloatRange(0), default=0.0, metavar='SECONDS',
               help='Recorded time left out at the beginning.')
 @click.option('--latched', is_flag=True,
               help='Publish first what latched topics held at the offset.')
-@click.option('--duration-s', type=click.FloatRange(0), default=0.0,
+@click.option('--duration-s', type=click.FloatRange(0), default=0.0, metavar='SECONDS',
               help='Recorded time that is played.')
 @click.option('--loop', is_flag=True, help='Begin again after the end.')
 @click.option('--start-paused', is_flag=True,
               help='Wait for the service /bag_player/resume or /bag_player/step.')
 @click.option('--clock-rate-hz', type=click.FloatRange(0, 1000), default=100.0,
-              show_default=True, help='/clock messages a second, 0 for none.')
+              show_default=True, metavar='HZ', help='/clock messages a second, 0 for none.')
 def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: tuple[str, ...],
          **options: float | bool) -> None:
-    """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
+    """
+    Publish the messages of a BAG at the pace of the recording.
+
+    BAG is a folder or an .mcap file.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.io.bags.reader import read_topics
     from startracker_ros.ros.processes import parameter_arguments
@@ -93,7 +102,11 @@ def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: t
               help='Write all that is whole of an unfinished or damaged bag into a new one.')
 @json_option
 def info(bag: Path, output: Path | None, as_json: bool) -> None:
-    """List what a BAG (folder or .mcap file) holds; status 1 when it is not whole."""
+    """
+    List what a BAG holds; status 1 when it is not whole.
+
+    BAG is a folder or an .mcap file.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.io.bags.info import describe
     from startracker_ros.io.bags.recovery import recover
@@ -115,7 +128,7 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
 @namespace_option
 @json_option
 def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> None:
-    """Write one HTML page of a BAG: attitude, errors, stars, states, times, frames."""
+    """Write one HTML page of a BAG: attitude, errors, stars, times."""
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.tools.report.page import write_report
     with exit_1_on(BagError, output=output):
@@ -130,15 +143,21 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
 @output_option('export', 'Folder for the files.')
 @click.option('--format', 'formats', multiple=True, default=('aem', 'csv'), show_default=True,
               type=click.Choice(['aem', 'csv', 'parquet']), help='One or more of them.')
-@click.option('--originator', default='UNKNOWN', show_default=True, help='Of the AEM.')
-@click.option('--object-name', default='UNKNOWN', show_default=True, help='In the AEM.')
-@click.option('--object-id', default='UNKNOWN', show_default=True,
+@click.option('--originator', default='UNKNOWN', show_default=True, metavar='NAME',
+              help='Of the AEM.')
+@click.option('--object-name', default='UNKNOWN', show_default=True, metavar='NAME',
+              help='In the AEM.')
+@click.option('--object-id', default='UNKNOWN', show_default=True, metavar='ID',
               help='In the AEM: the international designator.')
 @namespace_option
 @json_option
 def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, object_name: str,
            object_id: str, namespace: str | None, as_json: bool) -> None:
-    """Write attitude, tracks and diagnostics of a BAG as CCSDS AEM, CSV or Parquet."""
+    """
+    Write a BAG as CCSDS AEM, CSV or Parquet.
+
+    It has attitude, tracks and diagnostics; an AEM has the attitude only.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.io.export.aem import AemError, AemLabels
     from startracker_ros.io.export.files import export_bag

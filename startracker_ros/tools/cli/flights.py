@@ -14,7 +14,7 @@ from startracker_ros.tools.cli.shared import (
 
 _FILES = 'Folder for the files.'
 
-workers_option = click.option('--workers', type=click.IntRange(1, 256), default=None,
+workers_option = click.option('--workers', type=click.IntRange(1, 256), default=None, metavar='N',
                               help='Processes of this machine.  [default: one for each core]')
 
 
@@ -34,7 +34,11 @@ def _workers(workers: int | None) -> int:
 @json_option
 def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int | None,
              scheduler: str, seed: int, as_json: bool) -> None:
-    """Write bags of a long flight: centroids and telemetry of two heads, with drifts and truth."""
+    """
+    Write bags of a long flight of two heads, with drifts and truth.
+
+    They hold centroids and telemetry.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.io.table import Result
     from startracker_ros.sim.flights.bags import simulate_flight
@@ -42,7 +46,8 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
     if listed:
         print_result(Result('options of a flight', [
             {'option': row.name, 'default': row.default, 'unit': row.unit,
-             'meaning': row.description} for row in FlightOptions.table()]), as_json)
+             'range': row.range_text, 'meaning': row.description}
+            for row in FlightOptions.table()]), as_json)
         return
     with usage_error_on(ValueError):
         options = flight_options(settings)
@@ -58,13 +63,15 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
 @click.option('--source', type=click.Choice(['centroids', 'image_raw']), default=None,
               help='What is processed.  [default: centroids where a bag has them]')
 @click.option('--parameters', 'files', multiple=True,
-              type=InputPath(dir_okay=False),
+              type=InputPath(dir_okay=False), metavar='FILE',
               help='YAML files of node parameters.')
 @click.option('--set', 'settings', multiple=True, metavar='NODE.NAME=A[,B...]',
               help='A parameter, or several values: a run with each combination.')
-@click.option('--segment-s', type=float, default=3600.0, show_default=True,
+@click.option('--segment-s', type=click.FloatRange(1, 86400), default=3600.0, show_default=True,
+              metavar='SECONDS',
               help='Recordings are cut into segments of this length; each begins lost.')
-@click.option('--overlap-s', type=float, default=60.0, show_default=True,
+@click.option('--overlap-s', type=click.FloatRange(0, 3600), default=60.0, show_default=True,
+              metavar='SECONDS',
               help='Time before a segment from which its pipeline runs.')
 @click.option('--bag-topic', 'patterns', multiple=True, default=('*',), show_default=True,
               metavar='PATTERN', help='Topics of the bags that are written.')
@@ -79,10 +86,11 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
               patterns: tuple[str, ...], no_bags: bool, smooth: bool, workers: int | None,
               scheduler: str, as_json: bool) -> None:
     """
-    Run the pipeline over recorded BAGs again: folders, patterns, or text files that list them.
+    Run the pipeline over recorded BAGs again.
 
-    Writes bags as the nodes do, Parquet tables by day and tracker, summary and error table. A
-    command that is repeated continues where the one before ended.
+    BAGs are folders, patterns, or text files that list them. Writes bags as the nodes do,
+    Parquet tables by day and tracker, summary and error table. A command that is repeated
+    continues where the one before ended.
     """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.tools.reprocess.output import chosen_topics
@@ -116,7 +124,11 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
               help='Draw the differences into this PNG file.')
 @json_option
 def compare(out_a: Path, out_b: Path, picture: Path | None, as_json: bool) -> None:
-    """Compare two runs of reprocess: attitudes, availability, first divergent frame."""
+    """
+    Compare two runs of reprocess.
+
+    Attitudes, availability, first divergent frame.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.tools.reprocess.compare import compare as compare_runs
     with exit_1_on(BagError, output=picture):
@@ -128,10 +140,15 @@ def compare(out_a: Path, out_b: Path, picture: Path | None, as_json: bool) -> No
 @click.argument('out', type=InputPath())
 @output_option('trend.html', 'Page to write.', folder=False)
 @click.option('--orbit-s', type=click.FloatRange(60), default=5801.0, show_default=True,
+              metavar='SECONDS',
               help='Period of what changes with the heat of each orbit.')
 @json_option
 def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
-    """Find drifts and steps in a run of reprocess: focal length, mounts, zero point, stars."""
+    """
+    Find drifts and steps in a run of reprocess.
+
+    Of focal length, mounts, zero point and single stars.
+    """
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.tools.trend.trend import trend as find_trend
     with exit_1_on(BagError, output=output):
@@ -142,11 +159,11 @@ def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
 @click.command()
 @click.argument('out', type=InputPath())
 @output_option('tracklets', _FILES)
-@click.option('--originator', default='UNKNOWN', show_default=True,
+@click.option('--originator', default='UNKNOWN', show_default=True, metavar='NAME',
               help='Who makes the messages, for their header.')
 @json_option
 def tracklets(out: Path, output: Path, originator: str, as_json: bool) -> None:
-    """List the moving objects in a run of reprocess; write them as CCSDS TDM."""
+    """List moving objects in a run of reprocess; write CCSDS TDM."""
     from startracker_ros.io.bags.errors import BagError
     from startracker_ros.tools.reprocess.tracklets import tracklets as find_tracklets
     with exit_1_on(BagError, output=output):

@@ -11,7 +11,8 @@ from typing import Any
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.output import check_output
-from startracker_ros.tools.cli.outcome import exit_1_on, FOV_DEG, InputPath, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    EpochYear, exit_1_on, FOV_DEG, InputPath, usage_error_on)
 from startracker_ros.tools.cli.shared import (
     finish_measured as finish, json_option, output_option, print_result, scheduler_option,
     seed_option, trials_option)
@@ -19,9 +20,9 @@ from startracker_ros.tools.datasheet.design_options import DesignOptions
 
 
 @click.command()
-@click.option('--camera', 'camera_file', type=InputPath(),
+@click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
               help='Camera YAML.  [default: 1024 x 1024 px, 12 deg]')
-@click.option('--optics', 'optics_file', type=InputPath(),
+@click.option('--optics', 'optics_file', type=InputPath(), metavar='FILE',
               help='YAML with options of the detector of sky_simulator: PSF, exposure, noise.')
 @click.option('--quick', is_flag=True, help='Simulate little: a minute, wide intervals.')
 @output_option('datasheet.html', 'The page.', folder=False)
@@ -30,7 +31,7 @@ from startracker_ros.tools.datasheet.design_options import DesignOptions
 @json_option
 def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, output: Path,
               scheduler: str, seed: int, as_json: bool) -> None:
-    """Simulate what a data sheet states of a camera: accuracy, acquisition, limits, coverage."""
+    """Simulate the data sheet of a camera: accuracy, limits, coverage."""
     from startracker_ros.core.calibration.adjustment import CalibrationError
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.io.images.camera_files import load_camera
@@ -54,10 +55,11 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
 def _design_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add an option of the command for each of the design."""
     for row in reversed(DesignOptions.table()):
-        unit = f' ({row.unit})' if row.unit else ''
+        kind: Any = click.IntRange if isinstance(row.default, int) else click.FloatRange
         command = click.option(
-            f'--{row.name.replace("_", "-")}', row.name, type=type(row.default),
-            default=row.default, show_default=True, help=row.description + unit)(command)
+            f'--{row.name.replace("_", "-")}', row.name, type=kind(row.low, row.high),
+            default=row.default, show_default=True, metavar=row.unit.upper() or 'VALUE',
+            help=f'{row.description[0].upper()}{row.description[1:]}.')(command)
     return command
 
 
@@ -68,7 +70,11 @@ def _design_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @seed_option
 @json_option
 def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any) -> None:
-    """Field, stars, best exposure and accuracy that a sensor and a lens would have."""
+    """
+    Compute the accuracy that a sensor and a lens would have.
+
+    Field of view, stars and best exposure, too.
+    """
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.tools.datasheet.design import DesignError, run_design
     with usage_error_on(ValueError):
@@ -81,25 +87,26 @@ def design(trials: int, scheduler: str, seed: int, as_json: bool, **values: Any)
 @click.command()
 @click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
               help='Sky file to write.')
-@click.option('--fov-deg', type=FOV_DEG,
+@click.option('--fov-deg', type=FOV_DEG, metavar='DEG',
               help='Horizontal field of view of 1024 x 1024 px.  [default: 12]')
-@click.option('--camera', 'camera_file', type=InputPath(),
+@click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
               help='Camera YAML, instead of --fov-deg.')
-@click.option('--epoch', 'epoch_year', type=click.FloatRange(1900, 2100),
-              help='Julian year of the star places, rounded.  [default: this year]')
+@click.option('--epoch', 'epoch_year', type=EpochYear(),
+              help='Julian year or UTC of the star places, rounded to a year.  '
+              '[default: this year]')
 @click.option('--band', type=click.Choice(['V', 'Hp', 'G']), default='V', show_default=True,
               help='Band of the magnitudes.')
-@click.option('--magnitude-limit', type=float,
+@click.option('--magnitude-limit', type=click.FloatRange(0, 11), metavar='MAG',
               help='Faintest stars of the pairs.  [default: a field holds twenty on average]')
-@click.option('--fov-error-percent', type=float,
+@click.option('--fov-error-percent', type=click.FloatRange(0, 5), metavar='PERCENT',
               help='Tolerance of the focal length, for which there are pairs.  [default: 0.5]')
 @json_option
 def sky(output: Path, fov_deg: float | None, camera_file: Path | None, epoch_year: float | None,
         band: str, as_json: bool, **limits: Any) -> None:
     """
-    Write the sky file of the native core for a camera: stars, cells, pairs of stars.
+    Write the sky file of the native core for a camera.
 
-    It serves all cameras of this field and these pixels.
+    Stars, cells, pairs of stars. It serves all cameras of this field and these pixels.
     """
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')

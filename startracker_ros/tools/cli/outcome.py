@@ -17,11 +17,14 @@ import json
 import os
 from pathlib import Path
 import sys
-from typing import Any, cast
+from typing import Any, cast, TYPE_CHECKING
 
 import click
 from startracker_ros.core.ctrl_c import INTERRUPTED
 from startracker_ros.core.extras import MissingLibraryError, with_ros
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 FAILED, BROKEN_PIPE = 1, 141
 
@@ -70,6 +73,14 @@ class Commands(NeedsArguments, click.Group):
                  **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._joined, self._elsewhere = joined, elsewhere
+        self._sections: dict[str, list[str]] = {}
+
+    def add_section(self, title: str, *commands: click.Command, elsewhere: Sequence[str] = ()
+                    ) -> None:
+        """Add commands, and the names of those of other distributions, under a title of help."""
+        for command in commands:
+            self.add_command(command)
+        self._sections[title] = [*(str(command.name) for command in commands), *elsewhere]
 
     def _entry_points(self) -> EntryPoints:
         return entry_points(group=self._joined) if self._joined else EntryPoints()
@@ -94,11 +105,22 @@ class Commands(NeedsArguments, click.Group):
                     'pip install ./evaluation in a clone')
         return command
 
+    def by_section(self) -> dict[str, dict[str, click.Command]]:
+        """Return every() by the titles of help; what has none is under Commands."""
+        every = self.every()
+        titled = {name for names in self._sections.values() for name in names}
+        sections = {**self._sections, 'Commands': [name for name in every if name not in titled]}
+        listed = {title: {name: every[name] for name in names if name in every}
+                  for title, names in sections.items()}
+        return {title: commands for title, commands in listed.items() if commands}
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = [(name, command.get_short_help_str(limit=10 ** 6))
-                for name, command in self.every().items() if not command.hidden]
-        with formatter.section('Commands'):
-            formatter.write_dl(rows)
+        sections = self.by_section()
+        width = max(len(name) for commands in sections.values() for name in commands)
+        for title, commands in sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), command.get_short_help_str(limit=10 ** 6))
+                                    for name, command in commands.items()])
 
 
 class Main(Commands):
@@ -195,9 +217,23 @@ def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[
         raise FailedError(_text(error, output)) from error
 
 
-# --- files that commands read: one that is not there is an error before anything is loaded ---
+# --- values of options; a file that is not there is an error before anything is loaded ---
 
 FOV_DEG = click.FloatRange(0, 360, min_open=True)
+
+
+class EpochYear(click.ParamType):
+    """A Julian year, or a time UTC like 2026-11-23T01:30:00Z."""
+
+    name = 'year|time'
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> float:
+        from startracker_ros.core.astro.epoch import julian_year
+        try:
+            return julian_year(value)
+        except ValueError as error:
+            self.fail(str(error))
 
 
 class InputPath(click.Path):
@@ -215,6 +251,11 @@ class InputName(click.ParamType):
     """What may also be a pattern, a URL or a device: status 1 for a path that is not there."""
 
     name = 'path'
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str
+                       ) -> list['CompletionItem']:
+        from click.shell_completion import CompletionItem
+        return [CompletionItem(incomplete, type='file')]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if not (glob.has_magic(value) or '://' in value or value.startswith('/dev/')):

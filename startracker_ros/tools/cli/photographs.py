@@ -15,27 +15,13 @@ from startracker_ros.io.output import check_output
 from startracker_ros.photographs.searched_fields import (
     HIGHEST_DEG, LOWEST_DEG, TILED_HIGHEST_DEG, TILED_LOWEST_DEG)
 from startracker_ros.tools.cli.outcome import (
-    exit_1_on, FOV_DEG, InputPath, NeedsArguments, require_some, usage_error_on)
+    EpochYear, exit_1_on, FOV_DEG, InputPath, NeedsArguments, require_some, usage_error_on)
 from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
 if TYPE_CHECKING:
     from startracker_ros.photographs.epoch_and_site import ObserverSite
 
 _Command = TypeVar('_Command', bound=Callable[..., Any])
-
-
-class _Epoch(click.ParamType):
-    """A Julian year, or a time UTC like 2026-11-23T01:30:00."""
-
-    name = 'year or time'
-
-    def convert(self, value: Any, param: click.Parameter | None,
-                ctx: click.Context | None) -> float:
-        from startracker_ros.core.astro.epoch import julian_year
-        try:
-            return julian_year(value)
-        except ValueError as error:
-            self.fail(str(error))
 
 
 class _Frames(click.ParamType):
@@ -60,23 +46,26 @@ class _Frames(click.ParamType):
 def _observer_options(epoch_default: str, *, flying: bool = True
                       ) -> Callable[[_Command], _Command]:
     """Return options for when the images were taken, and from where, flying or on the ground."""
-    velocity = click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
-                            help='Velocity of the camera about the Earth, x y z in km/s on '
-                            'ICRF axes, for aberration.')
+    velocity = click.option('--velocity', 'velocity_km_s', type=float, nargs=3, metavar='VX VY VZ',
+                            help='Velocity of the camera about the Earth on ICRF axes, for '
+                            f'aberration, km/s; at most {MAX_SPEED_M_S / 1e3:g}.')
 
     def add(function: _Command) -> _Command:
         for option in (
                 click.option('--temperature-c', type=float, default=10.0, show_default=True,
+                             metavar='DEG_C',
                              help='Temperature of the air at the site.'),
                 click.option('--pressure-hpa', type=click.FloatRange(0, 1200), default=None,
+                             metavar='HPA',
                              help='Pressure of the air at the site, 0 for no refraction.  '
                              '[default: standard atmosphere at its height]'),
                 *((velocity,) if flying else ()),
-                click.option('--site', type=float, nargs=3,
-                             help='Latitude and longitude in deg, east positive, and height in '
-                             'm of a camera on the ground, for aberration and refraction.'),
-                click.option('--epoch', 'epoch_year', type=_Epoch(),
-                             help='Julian year or UTC (2026-11-23T01:30) of the images, for '
+                click.option('--site', type=float, nargs=3, metavar='LAT LON HEIGHT',
+                             help='Camera on the ground, for aberration and refraction: latitude '
+                             'and longitude in deg, east positive, height in m.  [-90<=LAT<=90; '
+                             '-360<=LON<=360; -500<=HEIGHT<=100000]'),
+                click.option('--epoch', 'epoch_year', type=EpochYear(),
+                             help='Julian year or UTC (2026-11-23T01:30Z) of the images, for '
                              f'proper motion and aberration.  [default: {epoch_default}]')):
             function = option(function)
         return function
@@ -127,16 +116,17 @@ Examples:
 
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view, edge to edge; one that '
-              'does not fit is dropped.  [default: EXIF, then a search from '
+@click.option('--fov-deg', type=FOV_DEG, metavar='DEG',
+              help='Horizontal field of view, edge to edge; one that does not fit is dropped.  '
+              '[default: EXIF, then a search from '
               f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg, then of fisheyes]')
-@click.option('--camera', 'camera_file', type=InputPath(),
+@click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')
-@click.option('--fov-error-percent', type=click.FloatRange(0, 5),
+@click.option('--fov-error-percent', type=click.FloatRange(0, 5), metavar='PERCENT',
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
-@click.option('--catalogue', type=InputPath(file_okay=False),
+@click.option('--catalogue', type=InputPath(file_okay=False), metavar='FOLDER',
               help='Folder that `startracker catalogue` has written: images of '
               f'{TILED_LOWEST_DEG:g} to {TILED_HIGHEST_DEG:g} deg are searched there first.')
 @click.option('--near', 'near_deg', type=float, nargs=2, metavar='RA DEC',
@@ -144,15 +134,15 @@ Examples:
               '[default: OBJCTRA and OBJCTDEC, or RA and DEC, of a FITS header]')
 @click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
               'telescope with one mirror too many.')
-@click.option('--dark', 'dark_file', type=click.Path(path_type=Path),
+@click.option('--dark', 'dark_file', type=click.Path(path_type=Path), metavar='FILE',
               help='Dark frame to subtract, an image of the same size; or bad pixels, a .txt or '
               '.csv file with u,v on each line.')
 @click.option('--frames', 'selection', type=_Frames(), default=':', metavar='FIRST:END:STEP',
               help='Frames of videos and animated images, numbered from 0, as of a slice in '
               'Python.  [default: all]')
-@click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
+@click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path), metavar='FOLDER',
               help='Folder for a PNG of each image with the identified stars.')
-@click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
+@click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path), metavar='FOLDER',
               help='Folder for a FITS header of each solved image: TAN-SIP, of fisheyes ZPN.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
@@ -161,9 +151,10 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
           catalogue: Path | None, near_deg: tuple[float, float] | None, dark_file: Path | None,
           **observer_site: Any) -> None:
     """
-    Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
+    Find attitude and lens of star IMAGES.
 
-    IMAGES are files, folders of them, or patterns. Each frame of a video is an image.
+    Right ascension, declination, roll, stars, residual. IMAGES are files, folders of them, or
+    patterns. Each frame of a video is an image.
     """
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
@@ -179,9 +170,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.core.identify.identification import IdentificationOptions
     from startracker_ros.io.images.images import ImageError
-    from startracker_ros.photographs.outputs import Outputs
     from startracker_ros.photographs.solve import (
-        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
+        CALIBRATED_PERCENT, Outputs, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     from startracker_ros.photographs.tiles import CatalogueError
     paths = _image_files(images)
     if fov_error_percent is None:
@@ -227,17 +217,17 @@ Examples:
 
 @click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_CATALOGUE_EXAMPLES)
 @click.argument('files', nargs=-1, required=True, type=InputPath())
-@click.option('-o', '--output', required=True, type=click.Path(path_type=Path),
+@click.option('-o', '--output', required=True, type=click.Path(path_type=Path), metavar='FOLDER',
               help='Folder to write; a catalogue that is there is replaced.')
 @click.option('--column', 'columns', type=_Column(), multiple=True, metavar='ROLE=NAME',
               help='Name of a column that is not recognised: ra and dec in deg, magnitude, pmra '
               'and pmdec in mas/yr, epoch.')
-@click.option('--epoch', 'epoch_year', type=click.FloatRange(1800, 2200),
-              help='Julian year of the positions.  [default: the column ref_epoch]')
-@click.option('--faintest', type=float, default=None,
+@click.option('--epoch', 'epoch_year', type=EpochYear(),
+              help='Julian year or UTC of the positions.  [default: the column ref_epoch]')
+@click.option('--faintest', type=float, default=None, metavar='MAG',
               help='Leave fainter stars out, magnitude.  [default: all]')
 @click.option('--least-deg', type=click.FloatRange(0.1, 1.5), default=TILED_LOWEST_DEG,
-              show_default=True,
+              show_default=True, metavar='DEG',
               help='Narrowest field of view, long side, that is searched without a position.')
 @click.option('--blind/--no-blind', default=True, show_default=True,
               help='Whether images without a position can be searched: of all the sky and from '
@@ -247,9 +237,9 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
               epoch_year: float | None, faintest: float | None, least_deg: float, blind: bool,
               as_json: bool) -> None:
     """
-    Make a catalogue for narrow fields out of star tables: CSV, FITS or Parquet FILES.
+    Make a catalogue for narrow fields from tables of stars.
 
-    `startracker solve --catalogue FOLDER` searches it.
+    FILES are CSV, FITS or Parquet. `startracker solve --catalogue FOLDER` searches it.
     """
     from startracker_ros.photographs.tiles import CatalogueError
     from startracker_ros.tools.catalogue.build import build_catalogue
@@ -265,9 +255,9 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
               help='Camera YAML to write, as camera_calibration writes it.')
-@click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view, within 5 %; a fisheye '
-              'needs none.')
-@click.option('--camera', 'camera_file', type=InputPath(),
+@click.option('--fov-deg', type=FOV_DEG, metavar='DEG',
+              help='Horizontal field of view, within 5 %; a fisheye needs none.')
+@click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
               help='Camera YAML, or FITS header with SIP, to start from instead of --fov-deg.')
 @_observer_options('today, without aberration')
 @click.option('--distortion-model', type=click.Choice(['plumb_bob', 'equidistant']),
@@ -281,9 +271,9 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
               distortion_model: str, as_json: bool, **observer_site: Any) -> None:
     """
-    Focal length, principal point and distortion out of star IMAGES of one camera.
+    Fit the lens of a camera to star IMAGES.
 
-    IMAGES are files, folders of them, or patterns.
+    Focal length, principal point and distortion. IMAGES are files, folders of them, or patterns.
     """
     unknown = fov_deg is None and camera_file is None
     if (unknown and distortion_model != 'equidistant'
@@ -309,12 +299,12 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
 
 @click.command()
 @click.argument('source', type=InputPath(), metavar='BAG|FOLDER|VIDEO')
-@click.option('--camera', 'camera_file', type=InputPath(),
+@click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
               help='Camera YAML, or FITS header with SIP.  [default: camera_info of the bag]')
 @click.option('--tracking', is_flag=True, help='The mount turns at a constant unknown rate about '
               'a constant axis; without it the camera stands still on the Earth.')
 @_observer_options('stamps of the bag, EXIF or DATE-OBS', flying=False)
-@click.option('--interval-s', type=click.FloatRange(1e-3, 3600), default=None,
+@click.option('--interval-s', type=click.FloatRange(1e-3, 3600), default=None, metavar='SECONDS',
               help='Time between two images of a folder or a video.  [default: by their own '
               'times]')
 @click.option('--datasheet', type=InputPath(dir_okay=False),
@@ -326,10 +316,10 @@ def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: fl
           interval_s: float | None, datasheet: Path | None, namespace: str | None, as_json: bool,
           **observer_site: Any) -> None:
     """
-    Measure a camera by a night on a tripod: noise, errors, drift, detection, stamps.
+    Measure a camera by a night on a tripod: noise, errors, drift.
 
-    The Earth turns the sky by a known law: no turntable is needed. Images of a folder are in order
-    of their names.
+    Detection and time stamps, too. The Earth turns the sky by a known law: no turntable is needed.
+    Images of a folder are in order of their names.
     """
     from startracker_ros.io.bags.folder import is_bag
     bag = is_bag(source)

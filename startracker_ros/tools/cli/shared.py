@@ -15,6 +15,7 @@ from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.output import output_folder
+from startracker_ros.io.progress import print_lines
 
 if TYPE_CHECKING:
     from startracker_ros.io.table import Result
@@ -28,12 +29,17 @@ def _set_wide(context: click.Context, option: click.Parameter, wide: bool) -> No
     context.meta[_WIDE] = wide
 
 
+def _set_lines(context: click.Context, option: click.Parameter, as_json: bool) -> bool:
+    print_lines(not as_json)
+    return as_json
+
+
 def json_option(command: _Command) -> _Command:
     """Add --json, which the command passes on with its result, and --wide."""
     wide = click.option('--wide', is_flag=True, expose_value=False, callback=_set_wide,
                         help='Print all columns, however narrow the terminal is.')
-    return wide(click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')(
-        command))
+    return wide(click.option('--json', 'as_json', is_flag=True, callback=_set_lines,
+                             help='Print one JSON document.')(command))
 
 
 scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
@@ -41,26 +47,29 @@ scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
 namespace_option = click.option('--namespace', metavar='NAME',
                                 help='Of the star tracker.  [default: the only one in the bag]')
 seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True,
+                           metavar='N',
                            help='Of all random numbers: the same ones give the same result.')
 
 
 def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
     """Return the option --trials; what is the help text."""
     return click.option('--trials', type=click.IntRange(least), default=default,
-                        show_default=True, help=what)
+                        show_default=True, metavar='N', help=what)
 
 
 def output_option(default: str, what: str, *, folder: bool = True
                   ) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that writes a folder or a file; what is its help."""
     return click.option('-o', '--output', default=default, show_default=True, help=what,
+                        metavar='FOLDER' if folder else 'FILE',
                         type=click.Path(path_type=Path, file_okay=not folder, dir_okay=folder))
 
 
 def picture_option(what: str) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that draws a picture into that folder."""
     return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-                        callback=check_pictures, help=f'Folder for a picture of {what}.')
+                        callback=check_pictures, metavar='FOLDER',
+                        help=f'Folder for a picture of {what}.')
 
 
 def check_pictures(context: click.Context, option: click.Parameter, folder: Path | None

@@ -10,12 +10,12 @@ from startracker_ros.tools.cli.outcome import Commands, exit_1_on, FailedError, 
 from startracker_ros.tools.cli.shared import finish, json_option
 
 _apid_option = click.option('--apid', type=click.IntRange(0, 2046), default=100,
-                            show_default=True, help='Of the space packets.')
+                            show_default=True, metavar='N', help='Of the space packets.')
 
 
 @click.group(cls=Commands)
 def telemetry() -> None:
-    """Packets of telemetry_bridge: decode a capture, describe them in XTCE."""
+    """Decode packets of telemetry_bridge; describe them in XTCE."""
 
 
 @telemetry.command('decode')

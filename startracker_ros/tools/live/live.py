@@ -36,17 +36,21 @@ from startracker_ros.core.exposure.control import Setting
 from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.folders import replaced
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion, rotate
+from startracker_ros.core.integrity.checks import START_RATE
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, attitude_error, pointing_from_quaternion, rotate)
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.io.bags.layouts import image_from_message, MessageError, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera, save_camera
 from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
-from startracker_ros.photographs.outputs import annotated
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.solution import Solution
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import attitude_from_pose
@@ -65,6 +69,9 @@ _LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
 _SOURCE, _EXTRACTOR = 'camera_source: camera', 'centroid_extractor: centroids'
 _END = 'all images of '
 _NO_FRAMES = 'nothing received yet'
+_JUMP = START_RATE.diagnostic.partition('{')[0]
+_SOLVE = 'solve unrelated photographs with startracker solve'
+_MOST_DEG_S = TrackerOptions().max_rate_deg_s
 
 # The false-alarm probability holds for one image; here many are tried.
 _LEAST_MATCHED = 8
@@ -120,6 +127,7 @@ class LiveRig(Rig):
         self._camera = camera
         self.state, self.reason = 'starting', ''
         self.counts = {'frames': 0, 'frames_tracking': 0}
+        self._jump, self._jumps, self._received_s = '', 0, float('nan')
         self.attitude: np.ndarray | None = None
         self.covariance = np.full((3, 3), np.nan)
         self.rate_deg_s = float('nan')
@@ -142,12 +150,15 @@ class LiveRig(Rig):
 
     def _on_image(self, data: bytes) -> None:
         self._images.append(deserialized(data, Image))
+        self._received_s = time.monotonic()
         self.counts['frames'] += 1
 
     def _on_tracker_state(self, message: DiagnosticStatus) -> None:
         self.state = message.message
         self.reason = {value.key: value.value for value in message.values}.get('reason', '')
         self.counts['frames_tracking'] += self.state == 'TRACKING'
+        if self.reason.startswith(_JUMP):
+            self._jump, self._jumps = self.reason, self._jumps + 1
         if self.state != 'TRACKING':
             self.attitude, self.rate_deg_s = None, float('nan')
 
@@ -184,6 +195,13 @@ class LiveRig(Rig):
             return ''
         return status.message
 
+    @property
+    def problem(self) -> str:
+        """Return that the images are no sequence: they are identified, each elsewhere; or ''."""
+        if self._jumps <= self.counts['frames_tracking']:
+            return ''
+        return f'the images are not one sequence: {self._jump}; {_SOLVE}'
+
     def _diagnostic(self, name: str, key: str) -> float:
         """Return the newest number of a key in the status of a name, NaN without one."""
         status = self._statuses.get(name, DiagnosticStatus())
@@ -210,7 +228,8 @@ class LiveRig(Rig):
 
     def texts(self) -> dict[str, str]:
         """Return what is shown."""
-        return state_texts(self.figures(), self.reason, self.source_text)
+        return state_texts(self.figures(), self.problem or self.reason, self.source_text,
+                           time.monotonic() - self._received_s)
 
     def picture(self, share: float) -> np.ndarray | None:
         """
@@ -276,7 +295,8 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
             return Result('live', [rig.figures()], {
                 'device': capture.device, 'camera_file': str(camera_file),
                 'field': f'{np.degrees(camera.seen_x_rad):.2f} deg', 'picture': str(picture),
-                **({'bag': str(bag)} if record else {})})
+                **({'bag': str(bag)} if record else {}),
+                **({'problem': rig.problem} if rig.problem else {})})
 
 
 def _pipeline_parameters(error_px: float) -> dict[str, object]:
@@ -348,7 +368,8 @@ def first_lens(device: Device, fov_deg: float | None,
     Return the lens of the first image of a device that is solved, None when its images end.
 
     fov_deg is the horizontal field of view to 5 %, None where it is unknown. on_image receives
-    each image, its spots (N, 2) and why it is not solved, empty if it is.
+    each image, its spots (N, 2) and why it is not solved, empty if it is. HarnessError where the
+    next file shows another field than a star tracker can follow to.
     """
     solver = None
     while (captured := device.read()) is not None:
@@ -363,6 +384,20 @@ def first_lens(device: Device, fov_deg: float | None,
         few = f'{found.matched} stars, {_LEAST_MATCHED} are needed for a lens'
         on_image(captured, solution.centroids.uv,
                  '' if solved else found.reason if solution.sky is None else few)
-        if solved:
-            return FirstLens(solution.camera, solution.lens_px)
+        if not solved:
+            continue
+        if device.ends and (later := device.read()) is not None:
+            _check_sequence(device.name, solution, solver.solve(later.image, solution.camera),
+                            (later.stamp_ns - captured.stamp_ns) * 1e-9)
+        return FirstLens(solution.camera, solution.lens_px)
     return None
+
+
+def _check_sequence(name: str, first: Solution, second: Solution, step_s: float) -> None:
+    """Raise HarnessError where one image and the next have fields too far apart to be tracked."""
+    if first.quaternion is None or second.quaternion is None:
+        return
+    turn_deg = np.degrees(np.linalg.norm(attitude_error(second.quaternion, first.quaternion)))
+    if turn_deg > _MOST_DEG_S * step_s:
+        raise HarnessError(f'{name}: the images are not one sequence: two in a row are '
+                           f'{turn_deg:.3g} deg apart in {step_s:.2g} s; {_SOLVE}')

@@ -25,8 +25,14 @@ from startracker_ros.tools.report.template import resource
 _UNKNOWN = '-'
 
 
-def state_texts(figures: Mapping[str, Any], reason: str, camera: str) -> dict[str, str]:
-    """Return the texts of LiveRig.figures() by label, with the reason of the state."""
+def state_texts(figures: Mapping[str, Any], reason: str, camera: str, age_s: float
+                ) -> dict[str, str]:
+    """
+    Return the texts of LiveRig.figures() by label, with the reason of the state.
+
+    age_s is the time since the newest frame, NaN before the first one.
+    """
+    age = f'\nnewest {age_s:.1f} s ago' if np.isfinite(age_s) else ''
     pointing = dict.fromkeys(
         ('right ascension', 'declination', 'roll', 'constellation'), _UNKNOWN)
     ra_deg, dec_deg, roll_deg = (figures[f'{name}_deg'] for name in ('ra', 'dec', 'roll'))
@@ -45,7 +51,7 @@ def state_texts(figures: Mapping[str, Any], reason: str, camera: str) -> dict[st
         'stars tracked': str(figures['stars']),
         'focus': focus_text(figures['fwhm_px']),
         'exposure': exposure_text(figures['exposure_ms'], figures['gain']),
-        'camera': f'{camera}\n{figures["frames"]} frames'.lstrip()}
+        'camera': f'{camera}\n{figures["frames"]} frames{age}'.lstrip()}
 
 
 def hours_text(ra_deg: float) -> str:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 import json
 from pathlib import Path
-import sys
 
 import numpy as np
 from scipy.optimize import minimize
@@ -17,6 +16,7 @@ from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.progress import progress
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 from startracker_ros.tools.night.earth_motion import EarthMotion, fit_motion
@@ -412,7 +412,7 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
     left_out = list[str]()
     images = timed_images(source, start_year, interval_s, namespace, zone_needed=site is not None,
                           left_out=left_out)
-    seen = measure(_progress(images), camera, site, tracking)
+    seen = measure(progress(images, 'night'), camera, site, tracking)
     rows = [replace(each, simulated=simulated.get(each.case)) for each in all_rows(seen)]
     stamps = np.array([frame.stamp_ns for frame in seen.frames])
     goals = [each for each in rows if each.verdict in (MET, MISSED)]
@@ -428,15 +428,6 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
         'missed': '; '.join(each.case for each in goals if each.verdict == MISSED) or 'none',
         'missed_by_chance': (1 - CONFIDENCE) * len(goals),
     }, notes={'missed_by_chance': 'expected, of an ideal instrument'})
-
-
-def _progress(images: Iterable[TimedImage]) -> Iterable[TimedImage]:
-    """Return the images, counted on a terminal."""
-    if not sys.stderr.isatty():
-        return images
-    from rich.console import Console
-    from rich.progress import track
-    return track(images, 'night', total=None, console=Console(stderr=True), transient=True)
 
 
 def _figures_at_rest(datasheet: Path) -> dict[str, float | None]:

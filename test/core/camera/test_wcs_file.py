@@ -14,7 +14,7 @@ from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.wcs_file import read_wcs_camera
-from startracker_ros.photographs.outputs import image_wcs
+from startracker_ros.photographs.sip import image_wcs, wcs_header
 
 LENS = Camera(1024, 768, 1300.0, 1310.0, 530.0, 370.0, (-0.2, 0.05, 1e-3, -2e-3, 0.0))
 Q = quaternion_from_pointing(*np.radians([296.7, 11.3, 335.0]))
@@ -61,7 +61,7 @@ def error_px(camera, cards, bottom_up):
 @pytest.mark.parametrize('bottom_up', [False, True])
 def test_an_exported_camera_comes_back(bottom_up, tmp_path):
     path = tmp_path / 'a.wcs'
-    path.write_bytes(image_wcs(SkyMapping(LENS, Q), bottom_up=bottom_up))
+    path.write_bytes(wcs_header(image_wcs(SkyMapping(LENS, Q), bottom_up=bottom_up)))
     found = read_wcs_camera(path)
     assert found.residual_px < 0.02
     assert found.bottom_up is bottom_up
@@ -75,7 +75,7 @@ def test_an_exported_camera_comes_back(bottom_up, tmp_path):
 def test_an_exported_fisheye_comes_back(tmp_path):
     path = tmp_path / 'a.wcs'
     lens = Camera(1024, 768, 300.0, 305.0, 516.0, 378.0, (-0.05, -0.01, 0.0, 0.0), 'equidistant')
-    path.write_bytes(image_wcs(SkyMapping(lens, Q), bottom_up=True))
+    path.write_bytes(wcs_header(image_wcs(SkyMapping(lens, Q), bottom_up=True)))
     camera = load_camera(path)
     np.testing.assert_allclose(
         [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion],

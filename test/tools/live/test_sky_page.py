@@ -16,7 +16,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import quaternion_from_pointing
 from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs.outputs import annotated
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.tools.live.sky_page import (
     degrees_text, hours_text, SkyPage, state_texts, THIS_MACHINE)
@@ -33,19 +33,20 @@ YEAR = 2026.0
 
 
 def test_the_texts_have_hours_degrees_and_sigma():
-    assert state_texts(FIGURES, '', 'device /dev/video0') == {
+    assert state_texts(FIGURES, '', 'device /dev/video0', 0.34) == {
         'state': 'TRACKING',
         'right ascension': '05h35m17.30s\n83.8221 deg\nsigma 2.3 arcsec',
         'declination': '-05d23\'28.0"\n-5.3911 deg\nsigma 0.052 arcsec',
         'roll': '12.5000 deg\nsigma 1200 arcsec', 'constellation': 'Orion',
         'rate': '0.0041 deg/s', 'stars tracked': '23',
         'focus': '2.12 px\nFWHM of the stars', 'exposure': '200 ms\ngain 64',
-        'camera': 'device /dev/video0\n1234 frames'}
-    unknown = state_texts(NOTHING, 'too few stars', '')
+        'camera': 'device /dev/video0\n1234 frames\nnewest 0.3 s ago'}
+    unknown = state_texts(NOTHING, 'too few stars', '', float('nan'))
     assert unknown['state'] == 'LOST\ntoo few stars' and unknown['stars tracked'] == '0'
     assert {unknown[name] for name in ('right ascension', 'declination', 'roll', 'constellation',
                                        'rate', 'focus', 'exposure')} == {'-'}
-    assert state_texts({**FIGURES, 'gain': float('nan')}, '', '')['exposure'] == '200 ms'
+    assert unknown['camera'] == '0 frames'
+    assert state_texts({**FIGURES, 'gain': float('nan')}, '', '', 1.0)['exposure'] == '200 ms'
 
 
 @pytest.mark.parametrize('ra_deg, text', [
@@ -78,7 +79,7 @@ def orion(share: float) -> np.ndarray:
 @pytest.fixture
 def served():
     with SkyPage(THIS_MACHINE, 0) as sky_page:
-        sky_page.state = state_texts(FIGURES, '', 'device /dev/video0')
+        sky_page.state = state_texts(FIGURES, '', 'device /dev/video0', 0.1)
         yield sky_page
 
 
@@ -111,7 +112,8 @@ def test_the_page_is_readable_on_phone_and_laptop(page: Page, served, tmp_path):
 
 
 def test_the_page_says_when_nothing_answers(page: Page, served):
-    served.state = state_texts(NOTHING, 'too few stars', 'device /dev/video0: no image for 3 s')
+    served.state = state_texts(
+        NOTHING, 'too few stars', 'device /dev/video0: no image for 3 s', 3.0)
     page.resize(PHONE_PX, 844, phone=True)
     page.load(served.url)
     page.evaluate('first')
