@@ -7,7 +7,7 @@
  *     static const st_abi abi = ST_ABI;
  *     st_config config;                                 every option with its default,
  *     st_defaults(&config, &abi);                       to be changed before st_create
- *     st_size(&config, &camera, &sky, &bytes);          memory is yours, none is taken later
+ *     st_size(&config, &camera, &sky, &bytes);          you provide all memory
  *     st_create(memory, bytes, &config, &camera, &sky, &tracker, &fault);
  *     st_process_image(tracker, stamp_ns, &image, &result);
  *     if (result.attitude.valid) use(result.attitude.quaternion);   else log(result.reason)
@@ -15,17 +15,17 @@
  * Memory    The library has no heap, no lock, no thread, no file, no clock and no global that
  *           changes. A tracker lives in the memory given to st_create, which must stay in place.
  *           Calls for one tracker must not overlap; trackers are independent of each other.
- * Capacity  Every list has a capacity in st_capacities. What does not fit is counted in the
- *           result and left out; nothing is written past a capacity.
- * Errors    A call that is used wrongly returns an st_status and changes nothing. A frame without
- *           a trusted attitude is no error: the call returns ST_OK, the result has an st_reason.
+ * Capacity  Every list has a capacity in st_capacities. Elements beyond it are counted in the
+ *           result and omitted; nothing is written past a capacity.
+ * Errors    A wrong call returns an st_status and changes nothing. A frame without a trusted
+ *           attitude is not an error: the call returns ST_OK, the result has an st_reason.
  * Frames    Sensor frame: x right, y down in the image, z along the boresight out of the lens.
  *           Pixel (0, 0) is the centre of the top-left pixel. Inertial frame: ICRF.
- * Attitude  Hamilton quaternion in the order x, y, z, w, q_icrf_from_sensor: v_icrf = R(q) v_sensor,
+ * Attitude  Hamilton quaternion q_icrf_from_sensor in the order x, y, z, w: v_icrf = R(q) v_sensor,
  *           continuous in sign. Covariances are of a rotation vector about sensor axes, row-major.
- * Units     In the names. Angles are radians, but degrees in options. NaN is a number that is not
- *           known. Stamps are int64 ns of any clock that counts steadily; for a frame it is the
- *           middle of the exposure, for a rate the end of the interval of which it is the mean.
+ * Units     In the names. Angles are in radians, in options in degrees. NaN is an unknown number.
+ *           Stamps are int64 ns of any steady clock: of a frame the middle of the exposure, of a
+ *           mean rate the end of its interval.
  * Same bits The same input gives the same output, bit for bit, on one build.
  */
 
@@ -45,7 +45,7 @@ extern "C" {
 #define ST_API
 #endif
 
-/* Raised with every change of a struct, an enumeration or a function. */
+/* Incremented with each change of a struct, an enumeration or a function. */
 #define ST_VERSION 3
 
 #define ST_REASON_FIGURES 9
@@ -59,20 +59,20 @@ typedef enum {
     ST_WRONG_VERSION,   /* caller and library differ in ST_VERSION or in the size of a struct */
     ST_WRONG_PROCESSOR, /* the library was built for a later processor than this one */
     ST_OUT_OF_RANGE,    /* an option or a number of the camera; st_fault has its name */
-    ST_BAD_CAMERA,      /* no lens has such terms: the image folds, or the field is too wide */
-    ST_BAD_SKY,         /* no sky file, damaged, of another version, or not of this camera */
+    ST_BAD_CAMERA,      /* impossible lens terms: the image folds, or the field is too wide */
+    ST_BAD_SKY,         /* not a sky file, damaged, of another version or camera */
     ST_TOO_LITTLE_MEMORY,
     ST_MISALIGNED,  /* memory or sky file is not aligned to 64 bytes */
     ST_BAD_IMAGE,   /* size, stride or type is not that of the camera */
     ST_BAD_INPUT,   /* a rate, observer, hint or list that is not finite or not possible */
     ST_NOT_NEWER,   /* the stamp is not newer than that of the call before */
     ST_TOO_MANY,    /* more elements than the capacity of the list */
-    ST_READ_ONLY,   /* an option that only st_create takes */
+    ST_READ_ONLY,   /* an option that only st_create accepts */
     ST_NO_STAGE,    /* the tracker was created without this stage */
     ST_STATUS_COUNT /* also the size of anything that is indexed by a status */
 } st_status;
 
-/* The number that a call refuses, by name; the string stays. */
+/* The rejected number, by name; the string is constant. */
 typedef struct {
     const char *name;
     double value, least, most;
@@ -111,7 +111,7 @@ typedef struct {
     int32_t width_px, height_px; /* those of the camera, divided by cell */
     int32_t type;                /* st_pixel_type */
     int32_t cell;                /* each pixel is the sum of cell x cell of the camera; or 1 */
-    double exposure_s; /* as the camera says; 0: it says nothing, what it said last holds */
+    double exposure_s; /* as the camera reports it; 0: not reported, the last one is valid */
 } st_image;
 
 /* ---- sky and observer ---------------------------------------------------------------------- */
@@ -129,7 +129,7 @@ typedef enum {
     ST_ABERRATION_FULL
 } st_aberration;
 
-/* Planet, Moon or Sun as the observer sees it: no star, and no error of the attitude. */
+/* Planet, Moon or Sun as the observer sees it; its centroid is not a star. */
 typedef struct {
     double direction[3]; /* unit vector on ICRF axes, off by error_rad at most */
     double error_rad, radius_rad;
@@ -137,12 +137,12 @@ typedef struct {
 } st_body;
 
 /*
- * How the observer moves, from the stamp on until the next one; older than max_age_s its velocity
- * counts as unknown.
+ * Motion of the observer from the stamp to the next one; beyond max_age_s its velocity is
+ * unknown.
  */
 typedef struct {
     double velocity_m_s[3];    /* about the barycentre of the solar system, on ICRF axes */
-    double velocity_sigma_m_s; /* 1 sigma per axis of what is not known of it */
+    double velocity_sigma_m_s; /* 1 sigma per axis */
     double heliocentric_au[3]; /* position, for the deflection of light by the Sun; or NaN */
     double epoch_sigma_years;  /* 1 sigma of the epoch of the star places */
     double zenith[3];          /* of a camera in air, on ICRF axes, with refraction */
@@ -153,7 +153,7 @@ typedef struct {
     int32_t aberration; /* st_aberration: what the velocity contains */
 } st_observer;
 
-/* An attitude from elsewhere: one identified frame that agrees with it starts the tracking. */
+/* An external attitude: one identified frame that agrees with it starts the tracking. */
 typedef struct {
     int64_t stamp_ns;
     double quaternion[4];
@@ -163,18 +163,17 @@ typedef struct {
 } st_hint;
 
 /* ---- options: names, defaults and ranges are those of docs/parameters.md ------------------ */
-/* Band of the magnitudes and magnitude limit of the pairs are options of the sky file; the orbit is
- * the caller's, who gives the observer. Of the methods of papers this library has models of the
- * motion of stars. */
+/* Magnitude band and magnitude limit of the pairs are options of the sky file. The caller knows the
+ * orbit and passes the observer. */
 
 typedef enum { ST_THRESHOLD_SIGMA = 0, ST_THRESHOLD_FIXED, ST_THRESHOLD_ITERATIVE } st_threshold;
 
 typedef enum {
-    ST_GAUSSIAN = 0, /* fit of the point spread function; the others are means of pixels with */
-    ST_BINARY,       /* weight 1, */
-    ST_GREY,         /* their flux, */
-    ST_SQUARED,      /* its square, */
-    ST_THRESHOLDED   /* or the flux above the threshold */
+    ST_GAUSSIAN = 0, /* fit of the point spread function; the others are weighted means: */
+    ST_BINARY,       /* weight 1 */
+    ST_GREY,         /* flux */
+    ST_SQUARED,      /* flux squared */
+    ST_THRESHOLDED   /* flux above the threshold */
 } st_centroid_method;
 
 typedef struct {
@@ -192,15 +191,15 @@ typedef struct {
 
 typedef struct {
     double tolerance_sigmas, sigma_floor_px, fov_error_percent, false_alarm_max;
-    double most_work_s;    /* of a search: expected time on one core of 3 GHz, no clock is read */
+    double most_work_s;    /* of a search: expected time on one core of 3 GHz, not measured */
     double check_period_s; /* between checks of the tracks; 0: never */
     double slice_s;        /* of most_work_s, in one st_process_image; 0: all of it */
     int32_t max_image_stars;
     int32_t reserved;
 } st_identification_options;
 
-/* How the stars move: one rotation moves all of them, or, as papers have it, each has a filter of its
- * own (JPDAF), or none: it is where it was measured (star neighbourhood approach). */
+/* Motion of the stars: one rotation for all, a filter for each star (JPDAF of Sadeghi, Sabahi and
+ * Saberali), or the measured positions alone (star neighbourhood approach). */
 typedef enum {
     ST_ATTITUDE_MODEL = 0,
     ST_CONSTANT_VELOCITY,
@@ -225,7 +224,7 @@ typedef struct {
     int32_t solver;           /* st_solver, of the attitude */
     int32_t association;      /* st_association, of a filter for each star; as the next two */
     int32_t sna_confirmation; /* 1: only centroids that the star neighbourhood approach confirms */
-    int32_t roll_by_gyro;     /* 1: the image rolls as a gyro says */
+    int32_t roll_by_gyro;     /* 1: the gyro gives the roll of the image */
 } st_tracking_options;
 
 typedef struct {
@@ -239,25 +238,25 @@ typedef struct {
     int32_t min_stars;
 } st_trust_options;
 
-/* Which stages a tracker has memory for. st_process_image needs all, st_process_centroids all but
- * the first; nodes in separate processes need one each. Without ST_IDENTIFIES frames are identified
- * by the caller, who gives the stars to st_add_identification. */
+/* Stages of a tracker. st_process_image needs all, st_process_centroids all but the first; nodes in
+ * separate processes need one each. Without ST_IDENTIFIES the caller identifies frames and passes
+ * the stars to st_add_identification. */
 enum { ST_EXTRACTS = 1, ST_IDENTIFIES = 2, ST_TRACKS = 4, ST_TRUSTS = 8, ST_ALL_STAGES = 15 };
 
-/* Elements of the lists; 0 in st_config: derived from the image size and the options. */
+/* Capacities of the lists; 0 in st_config: derived from image size and options. */
 typedef struct {
-    int32_t peaks;     /* of an image that are fitted, the highest */
-    int32_t centroids; /* of a frame, found or given, the brightest */
+    int32_t peaks;     /* fitted in an image, the highest */
+    int32_t centroids; /* of a frame, the brightest */
     int32_t rejected;  /* detections listed with the reason; all are counted */
     int32_t tracks;
     int32_t predictions; /* of stars and targets, for windowed extraction */
     int32_t candidates;  /* of an identification, verified in turn */
-    int32_t frames;      /* stored for an identification that comes late: 64 are 6 s at 10 Hz */
+    int32_t frames;      /* stored for a late identification: 64 are 6 s at 10 Hz */
     int32_t rates;       /* of a gyro, the newest */
 } st_capacities;
 
 typedef struct {
-    st_abi abi; /* st_defaults sets it, st_create compares it: options of another version fail */
+    st_abi abi; /* set by st_defaults, compared by st_create */
     int32_t stages;
     double epoch_year; /* Julian year of the star places; NaN: that of the sky file */
     st_capacities capacities;
@@ -270,7 +269,7 @@ typedef struct {
 
 /* ---- reasons ------------------------------------------------------------------------------- */
 
-/* Why something is not there, or was done. The comment names figure[0], figure[1], ... */
+/* Why there is no result, or why a step was taken. Comments name figure[0], figure[1], ... */
 typedef enum {
     ST_NO_REASON = 0,
     /* the whole frame is not used */
@@ -284,8 +283,8 @@ typedef enum {
     ST_REASON_NOTHING_ABOVE,    /* threshold in sigma, in DN (0: not in DN) */
     ST_REASON_ALL_REJECTED,     /* detections; rejected_by_kind of st_extraction has which */
     ST_REASON_TORN,             /* first and last row of the image before */
-    ST_REASON_REPEATED_NOISE,   /* image of before, with its noise */
-    ST_REASON_REPEATED_MOVED,   /* image of before, but stars have moved by px */
+    ST_REASON_REPEATED_NOISE,   /* the previous image with its noise */
+    ST_REASON_REPEATED_MOVED,   /* the previous image, although stars have moved by px */
     ST_REASON_READOUT_TOO_LONG, /* read-out s, s since the frame before */
     ST_REASON_STREAK_ASTRAY,    /* length px of streaks across the motion of the stars */
     /* identification */
@@ -312,16 +311,16 @@ typedef enum {
     ST_REASON_GYRO_AT_RANGE_BLIND, /* no stars while the gyro is saturated */
     ST_REASON_NOT_POSITIVE,        /* diagonal of a covariance that is not positive definite */
     ST_REASON_BAD_FRAMES,          /* frames, stars that agreed in the last, rms px */
-    /* contradictions: stars agree on an attitude, others show that it is wrong */
+    /* contradictions: some stars agree on an attitude, others contradict it */
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */
-    ST_REASON_LINE_TIME,          /* us by which line_time_us is off */
-    ST_REASON_SECOND_IMAGE,       /* stars, of stars, px from where the others have them */
-    ST_REASON_STARS_ABSENT,       /* stars seen, of stars, centroids that are no star */
+    ST_REASON_LINE_TIME,          /* error of line_time_us, us */
+    ST_REASON_SECOND_IMAGE,       /* stars, of stars, px from their predicted positions */
+    ST_REASON_STARS_ABSENT,       /* stars seen, of stars, centroids that are not stars */
     ST_REASON_REPEATED_CENTROIDS, /* those of the frame before, with their noise */
     /* gyro that is not used */
     ST_REASON_GYRO_AT_RANGE = 500,
     ST_REASON_GYRO_DISAGREES, /* rate of the gyro rad/s x y z, of the stars x y z */
-    ST_REASON_ROLL_DISAGREES, /* a filter for each star: stars are not where the roll has them */
+    ST_REASON_ROLL_DISAGREES, /* a filter for each star: the stars contradict the roll */
     ST_REASON_NO_ROLL,        /* no rates: roll_by_gyro has no effect */
     /* attitude that is not trusted */
     ST_REASON_TRUSTED = 600,
@@ -412,8 +411,8 @@ typedef struct {
     double rate_covariance[3][3];  /* rad^2/s^2 */
     double cross_covariance[3][3]; /* rad^2/s, attitude by rate; NaN where not known */
     double acceleration_rad_s2[3], jerk_rad_s3[3];
-    double acceleration_sigma_rad_s2[3];        /* after the stamp, */
-    double acceleration_sigma_before_rad_s2[3]; /* and before it */
+    double acceleration_sigma_rad_s2[3];        /* after the stamp */
+    double acceleration_sigma_before_rad_s2[3]; /* before the stamp */
     double protection_rad[3]; /* bounds that errors exceed with misleading_probability, or inf */
     double chi2, residual_px; /* of its stars, rms */
     int64_t stamp_ns;
@@ -483,8 +482,8 @@ typedef struct {
 } st_trusted; /* of st_trust and st_trust_stars */
 
 /*
- * One frame. What it has of lists are counts: st_centroids, st_rejections, st_tracks, st_residuals,
- * st_identified_stars, st_searched_centroids and st_predictions give them until the next call.
+ * One frame, with counts of its lists. Until the next call st_centroids, st_rejections, st_tracks,
+ * st_residuals, st_identified_stars, st_searched_centroids and st_predictions return the lists.
  */
 typedef struct {
     st_attitude attitude; /* valid only if it can be trusted; its budget is tracking.budget */
@@ -544,27 +543,26 @@ ST_API st_status st_project(const st_camera *camera, const double *direction, do
 ST_API st_status st_unproject(const st_camera *camera, const double *pixel, double *direction,
                               size_t count);
 
-/* How directions (count, 3) move in the image per turn of the sensor: d(u, v)/d(angle about each
- * sensor axis), (count, 2, 3) in px/rad, which is px/s per rad/s. NaN as in st_project. */
+/* Image flow (count, 2, 3) of directions (count, 3): d(u, v)/d(angle about each sensor axis) in
+ * px/rad, which is px/s per rad/s. NaN as in st_project. */
 ST_API st_status st_image_flow(const st_camera *camera, const double *direction, double *flow,
                                size_t count);
 
-/* Whether a sky file is complete and of this library, so that no damage to it can do harm; fault
- * (may be null) names the part that is wrong. Reads all of it: once, before the first st_create. */
+/* Whether a sky file is undamaged and of this library; fault (may be null) names the wrong part.
+ * Reads the whole file. Call it once, before the first st_create. */
 ST_API st_status st_check_sky(const st_sky *sky, st_fault *fault);
 
 /* ---- trackers ------------------------------------------------------------------------------ */
 
-/* Several heads and their mounts are to have a header of their own. */
 typedef struct st_tracker st_tracker;
 
-/* Bytes of memory that st_create needs. sky may be null for trackers that only extract; else it is
- * one that st_check_sky() has found sound. */
+/* Bytes of memory that st_create needs. sky may be null for trackers that only extract; otherwise
+ * st_check_sky() must have accepted it. */
 ST_API st_status st_size(const st_config *config, const st_camera *camera, const st_sky *sky,
                          size_t *bytes);
 
-/* Make a tracker in memory that the caller owns, aligned to 64 bytes. Everything is copied but
- * the sky file. No function frees anything: the memory is free when the tracker is not used. */
+/* Make a tracker in memory of the caller, aligned to 64 bytes. Everything but the sky file is
+ * copied. No function frees memory: the caller may reuse it after the last call. */
 ST_API st_status st_create(void *memory, size_t bytes, const st_config *config,
                            const st_camera *camera, const st_sky *sky, st_tracker **tracker,
                            st_fault *fault);
@@ -572,13 +570,13 @@ ST_API st_status st_create(void *memory, size_t bytes, const st_config *config,
 /* Forget all frames, rates and hints: LOST, as after st_create. */
 ST_API st_status st_reset(st_tracker *tracker);
 
-/* Other options from the next frame on, without loss of lock; ST_READ_ONLY where one differs that
- * docs/parameters.md does not mark as live, which fault names (may be null). Memory stays: more
- * stars than there is room for since st_create are left out and counted. */
+/* Change options from the next frame on, without loss of lock. ST_READ_ONLY where an option differs
+ * that docs/parameters.md does not mark as live; fault (may be null) names it. Capacities stay
+ * those of st_create: stars beyond them are omitted and counted. */
 ST_API st_status st_change_options(st_tracker *tracker, const st_config *config, st_fault *fault);
 
-/* predictions, of predicted_ns, may be null: the image is searched as a whole; lost 1: more stars
- * the longer there are none. */
+/* Extract the centroids of an image. predictions are for the time predicted_ns; null: the whole
+ * image is searched. lost 1: the longer tracking is lost, the more stars are extracted. */
 ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
                             const st_prediction *predictions, size_t count, int64_t predicted_ns,
                             int32_t lost, st_extraction *extraction);
@@ -587,32 +585,32 @@ ST_API st_status st_extract(st_tracker *tracker, int64_t stamp_ns, const st_imag
 ST_API const st_centroid *st_centroids(const st_tracker *tracker, size_t *count);
 ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count);
 
-/* Which stars a list of centroids shows, lost in space, by the sky file of st_create. Those of a
- * rolling shutter (delay_s) are moved to the time of the frame, by the list before where that helps;
- * planets, Moon and Sun of the observer are no stars. The attitude is that of a sky without
- * aberration: up to 26 arcsec off, which the tracking and st_trust_stars are not. The search
- * does most_work_s of work at most, and slice_s of it in this call (infinity: all); it is then
- * ST_SEARCHING, and st_identify_on() continues it, with the same result as in one call. A thread of
- * the caller may set *stop, not zero, to end it; null: nothing stops it. No content of a list is
- * wrong use: centroids that cannot be used are left out. */
+/* Identify a list of centroids, lost in space, by the sky file of st_create. Centroids of a rolling
+ * shutter (delay_s) are moved to the time of the frame, with the previous list where that helps.
+ * Centroids of planets, Moon and Sun of the observer and unusable ones are ignored. The attitude is
+ * not corrected for aberration (up to 26 arcsec); tracking and st_trust_stars correct it. The
+ * search does at most most_work_s of work, and slice_s of it in this call (infinity: all). At
+ * ST_SEARCHING st_identify_on() continues it, with the same result as in one call. Another thread
+ * may set *stop to a value other than zero to end the search; stop may be null. */
 ST_API st_status st_identify(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
                              size_t count, double slice_s, const volatile uint32_t *stop,
                              st_identification *identification);
 
-/* Continue a search by another slice; ST_BAD_INPUT where none is waiting. */
+/* Continue a search by another slice; ST_BAD_INPUT without a search. */
 ST_API st_status st_identify_on(st_tracker *tracker, double slice_s, const volatile uint32_t *stop,
                                 st_identification *identification);
 
-/* One for each centroid, in their order, of the last call; empty without an attitude. */
+/* Of the last call, one per centroid, in the same order; empty without an attitude. */
 ST_API const st_identified *st_identified_stars(const st_tracker *tracker, size_t *count);
 
-/* The centroids of that list, where they were at the time of their frame. */
+/* The centroids of that list, at their positions at the time of the frame. */
 ST_API const st_centroid *st_searched_centroids(const st_tracker *tracker, size_t *count);
 
-/* The mean rate about sensor axes up to a stamp, before the frame that follows it. */
+/* Add the mean gyro rate about sensor axes up to a stamp, before the next frame. */
 ST_API st_status st_add_rate(st_tracker *tracker, int64_t stamp_ns, const double rate_rad_s[3]);
 
-/* Without any the observer is at rest and star places are those of the catalogue. */
+/* Add the motion of the observer. Without it the observer is at rest, and star positions are those
+ * of the catalogue. */
 ST_API st_status st_add_observer(st_tracker *tracker, int64_t stamp_ns,
                                  const st_observer *observer);
 
@@ -621,37 +619,38 @@ ST_API st_status st_add_hint(st_tracker *tracker, const st_hint *hint);
 /* The attitude at a time near its own, by rate and acceleration, with its covariance. */
 ST_API st_status st_attitude_at(const st_attitude *attitude, int64_t stamp_ns, st_attitude *at);
 
-/* 1 where the next frame needs an identification: not while tracking unless a check is due. */
+/* 1 if the next frame needs an identification: while not tracking, or when a check is due. */
 ST_API int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns,
                                         st_state state, int32_t windowed);
 
-/* exposure_s (2) are the least and the largest exposure, null where unknown. ST_NOT_NEWER for a stamp
- * that is not newer than the one before: the frame is not used, but counted in late_frames. One that
- * is older by more than 1 s restarts the tracking. */
+/* Track the stars of a frame. exposure_s (2) is the least and the largest exposure, null if
+ * unknown. ST_NOT_NEWER for a stamp that is not newer than the previous one: the frame is counted
+ * in late_frames and not used. A stamp older by more than 1 s restarts the tracking. */
 ST_API st_status st_track(st_tracker *tracker, int64_t stamp_ns, const st_centroid *centroids,
                           size_t count, const double *exposure_s, st_tracking *tracking);
 
-/* Start tracks of stars that came into view, which the next st_track would do first: called
- * between two frames it saves that time. */
+/* Start tracks of stars that came into view. Called between two frames, it saves this time in the
+ * next st_track. */
 ST_API st_status st_prepare(st_tracker *tracker);
 
-/* An identification made elsewhere, for the tracking, whose state is then tracking; it may come some
- * frames late. */
+/* Add an identification made elsewhere, possibly some frames late. tracking is the state after
+ * it. */
 ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
                                        const st_centroid *centroids,
                                        const st_identified *identified, size_t count,
                                        st_tracking *tracking);
 
-/* What the tracking knows now, with the list of tracks: also of a whole frame whose identification
- * began it anew, of which st_result has the tracks that were trusted. */
+/* The present state of the tracking with its list of tracks, also after an identification that
+ * restarted it; st_result then has the tracks of the trusted attitude. */
 ST_API st_status st_known(st_tracker *tracker, st_tracking *tracking);
 
-/* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
- * where there is no attitude. */
+/* Lists of the last call, as st_centroids. st_predictions computes its list, null without an
+ * attitude. */
 ST_API const st_star_track *st_tracks(const st_tracker *tracker, size_t *count);
 ST_API const st_prediction *st_predictions(st_tracker *tracker, size_t *count);
 
-/* tracked is that of the tracking; null: solved from the tracks. */
+/* Decide whether an attitude is trusted. tracked is that of the tracking; null: solved from the
+ * tracks. */
 ST_API st_status st_trust(st_tracker *tracker, int64_t stamp_ns, const st_star_track *tracks,
                           size_t count, const st_attitude *tracked, st_trusted *trusted);
 
@@ -659,27 +658,26 @@ ST_API st_status st_trust_stars(st_tracker *tracker, int64_t stamp_ns,
                                 const st_centroid *centroids, const st_identified *identified,
                                 size_t count, st_trusted *trusted);
 
-/* Angles, rad, between the stars of the last st_trust or st_trust_stars and the catalogue, in the
- * order in which they were given; the list of the last call, as st_centroids. */
+/* Angles in rad between the stars of the last st_trust or st_trust_stars and the catalogue, in
+ * input order; a list of the last call, as st_centroids. */
 ST_API const double *st_residuals(const st_tracker *tracker, size_t *count);
 
 /* ---- whole frames ------------------------------------------------------------------------ */
 
 /*
- * One image to an attitude: extraction near the predictions of the tracking, tracking, trust, and
- * identification where st_identification_is_due says so. An identification does slice_s of work in
- * a call. Where it takes several, the frames between are tracked as far as they can be, and its
- * stars are those of the frame that it began with.
+ * One image to an attitude: extraction near the predictions, tracking, trust, and identification if
+ * st_identification_is_due. An identification does slice_s of work per call. If it needs several
+ * calls, the frames between are tracked if possible; its stars are those of its first frame.
  *
- * ST_OK also where there is no attitude: the reason of the result says why. A stamp that is older
- * than the one before by more than 1 s restarts the tracker, as st_reset; a frame that is not newer
- * is not used, and counted in late_frames. Rates and the observer are given before the frame.
+ * Without an attitude the call also returns ST_OK, and the result has the reason. A stamp older
+ * than the previous one by more than 1 s restarts the tracker, as st_reset; a frame that is not
+ * newer is counted in late_frames and not used. Add rates and observer before the frame.
  */
 ST_API st_status st_process_image(st_tracker *tracker, int64_t stamp_ns, const st_image *image,
                                   st_result *result);
 
-/* The same of centroids. exposure_s (2) are the least and largest exposure, null where unknown;
- * windowed: only predicted stars were measured, which is no check of the tracks. */
+/* The same with centroids. exposure_s (2) is the least and the largest exposure, null if unknown.
+ * windowed 1: only predicted stars were measured, so that the tracks cannot be checked. */
 ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
                                       const st_centroid *centroids, size_t count,
                                       const double *exposure_s, int32_t windowed,

@@ -109,15 +109,15 @@ _FIELDS: Mapping[str, Callable[[Sequence[float]], dict[str, Any]]] = {
 
 # --- frames, as they come ---
 LATE_FRAME = Check(
-    'LATE_FRAME', 'stamp not newer than the last one, and older by no more than a limit',
+    'LATE_FRAME', 'stamp at most back_s older than the last one, or equal',
     'frame not used', '`late_frames`')
 TIME_JUMP = Check(
-    'TIME_JUMP', 'stamp older by more: a simulation or a recording starts again', 'restart',
+    'TIME_JUMP', 'stamp older by more: a simulation or recording has restarted', 'restart',
     'time jumped back by {back_s:.1f} s')
 REPEATED_FRAME = Check(
     'REPEATED_FRAME',
-    'positions equal those of the frame before to the last digit, of a source whose brightest '
-    'star has moved by more than one image may give, searched in another way', 'frame not used',
+    'positions equal those of the previous frame to the last digit, although the brightest star '
+    'has moved before', 'frame not used',
     'the centroids are those of the frame before, with their noise')
 UNUSABLE_CENTROID = Check(
     'UNUSABLE_CENTROID', 'position or sigma is not finite, or sigma not positive', 'star not used',
@@ -137,7 +137,7 @@ START_RATE = Check(
 HINT = Check(
     'HINT', '1 sigma of attitude and rate of a hint, about any axis', 'hint not used', '`reason`')
 HINT_DIFFERS = Check(
-    'HINT_DIFFERS', 'identified attitude minus that of a hint, or of tracks before',
+    'HINT_DIFFERS', 'identified attitude minus that of a hint or of earlier tracks',
     'hint not used', '`reason`')
 HINT_FAILED = Check(
     'HINT_FAILED', 'good frames from a start by a hint to the loss of the stars', 'hint not used',
@@ -152,10 +152,10 @@ STAR_OUTLIER = Check(
     'STAR_OUTLIER', 'residual of a star over its sigma', 'star not used', '`residual_px`')
 LIKELY_INNOVATION = Check(
     'LIKELY_INNOVATION',
-    'innovation of the attitude by a motion before the widest one: the smallest one that is '
-    'likely is taken', 'next hypothesis', '')
+    'innovation of the attitude by a hypothesis before the last one; the first likely one is used',
+    'next hypothesis', '')
 INNOVATION = Check(
-    'INNOVATION', 'innovation of the attitude by the last motion', 'frame not used',
+    'INNOVATION', 'innovation of the attitude by the last hypothesis', 'frame not used',
     '`frames_since_fix`')
 FEW_AGREE = Check(
     'FEW_AGREE',
@@ -172,7 +172,7 @@ NO_STARS = Check(
     'NO_STARS', 'time since the last frame that was used', 'restart', 'no stars for {gap_s:.1f} s',
     options='max_gap_s')
 DIVERGED = Check(
-    'DIVERGED', 'innovation by stars that agree, in frames in a row', 'restart',
+    'DIVERGED', 'innovation by agreeing stars, in frames in a row', 'restart',
     'the filter has diverged: {frames} frames in a row with innovations beyond {sigmas:g} sigma, '
     'the last of {last:.0f}')
 FILTER_COVARIANCE = Check(
@@ -181,13 +181,12 @@ FILTER_COVARIANCE = Check(
     'the covariance of the filter is not positive definite, its diagonal is {variances}')
 SHEARED_STARS = Check(
     'SHEARED_STARS',
-    'stars of a rolling shutter that are not where a motion has them: exposed after a jump',
+    'stars of a rolling shutter that a motion does not explain: exposed after a jump',
     'next hypothesis', '')
 FAST_TURN = Check(
     'FAST_TURN',
-    'share of the width of the image that stars move in a frame, in which those followed may '
-    'leave it, and distance of a centroid that may be that of one of them', 'other stars',
-    '`reason`')
+    'motion of the stars in a frame over the image width, and distance of a possible centroid',
+    'other stars', '`reason`')
 
 # --- a gyro ---
 GYRO_SILENT = Check('GYRO_SILENT', 'age of the newest rate', 'rates not used', '`gyro`')
@@ -195,7 +194,7 @@ GYRO_AT_RANGE = Check(
     'GYRO_AT_RANGE', 'rates at gyro_range_deg_s', 'rates not used',
     'imu reaches gyro_range_deg_s: its rates are not used while the true ones may be larger')
 GYRO_DIFFERS = Check(
-    'GYRO_DIFFERS', 'turn by the rates minus that by the stars, in frames in a row',
+    'GYRO_DIFFERS', 'rotation by the rates minus that by the stars, in frames in a row',
     'rates not used',
     'imu reports {reported} deg/s about x, y, z, the stars {stars}: is it in rad/s, on the axes '
     'of the sensor, and gyro_drift_deg_h right?')
@@ -203,57 +202,57 @@ GYRO_BLIND = Check(
     'GYRO_BLIND', 'rates at gyro_range_deg_s in a frame of too few stars', 'restart',
     'imu reaches gyro_range_deg_s while there are no stars: the attitude is not known')
 MOTION_ENDS = Check(
-    'MOTION_ENDS', 'probability of the mode of motion before, by the rates since',
+    'MOTION_ENDS', 'probability of the previous mode of motion, by the rates since then',
     'next hypothesis', '')
 
 # --- errors that the stars show or do not exclude, in the error budget ---
 JUMP_IN_FRAME = Check(
     'JUMP_IN_FRAME',
-    'probability of a motion that begins within the frame, times the share of the interval that '
-    'is exposed; that the stamp errs, at least', 'wider covariance',
+    'probability of a motion that starts within the frame, times the exposed share of the '
+    'interval; at least that of a stamp error', 'wider covariance',
     '`error_budget.motion_arcsec`')
 DISPLACED = Check(
-    'DISPLACED', 'rate in the frames after a jump is within the threshold from that before it',
+    'DISPLACED', 'rate in the frames after a jump minus the rate before it, below the threshold',
     'wider covariance', '`error_budget.motion_arcsec`')
 STAMP_ERRORS = Check(
     'STAMP_ERRORS',
-    'variance of the stamps by turns along the rate that change sign, over that by the centroids, '
-    'by so many products: `many` plus `few` over their number, `expected` in place of `many` '
-    'where stamps have erred, and `shaken` times the variance across the rate; in the first '
-    'frames up to `first_s` whatever they do not exclude', 'wider covariance',
+    'variance of the stamps, by rotations along the rate that change sign, over that by the '
+    'centroids: above `many` (`expected` after earlier stamp errors) plus `few` over the number '
+    'of products, and `shaken` times the variance across the rate; at the start up to `first_s` '
+    'unless excluded', 'wider covariance',
     '`error_budget.stamps_arcsec`, `stamp_sigma_ms`')
 LENS_ERROR = Check(
     'LENS_ERROR',
-    'product of the residuals of a star in two frames in a row, over all; and a common scale',
+    'mean product of the residuals of a star in successive frames; common scale of all stars',
     'wider covariance', '`error_budget.lens_arcsec`')
 ERROR_SCALE = Check(
     'ERROR_SCALE',
-    'median residual of the stars over that by their sigma, of all and of the precise half',
+    'median residual over that expected by sigma, of all stars and of the more precise half',
     'wider covariance', '`error_budget.stars_arcsec`')
 
-# --- one attitude in all of an image ---
+# --- one attitude for the whole image ---
 TORN_FRAME = Check(
     'TORN_FRAME',
-    'chi-square that a step of the residuals between two rows explains, its share of all, and its '
-    'size', 'no attitude', 'the rows beyond {row:.0f} are {shift_s:.3g} s later than those '
-    'before: a torn frame')
+    'chi-square explained by a step of the residuals between two rows, its share of the total, '
+    'and its size', 'no attitude',
+    'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: a torn frame')
 LINE_TIME = Check(
     'LINE_TIME',
-    'chi-square that a growth of the residuals along the rows explains, of all frames, its share '
-    'of the excess, and its size', 'no attitude', 'the residuals grow along the rows: '
+    'chi-square explained by residuals that grow along the rows, over all frames, its share of '
+    'the excess, and its size', 'no attitude', 'the residuals grow along the rows: '
     'line_time_us is off by {line_us:.3g} us')
 FIRST_LINE_TIME = Check(
-    'FIRST_LINE_TIME', 'the same in the first frames, which show little: one start in 370 waits',
+    'FIRST_LINE_TIME', 'the same in the first frames; delays one start in 370',
     'no attitude', LINE_TIME.diagnostic)
 SECOND_IMAGE = Check(
     'SECOND_IMAGE',
-    'missing stars, and their share of all, that are seen by one shift or time away',
+    'missing stars, and their share of all, that have a centroid at one common shift or time',
     'no attitude', '{count} of {stars} stars are seen {shift_px:.1f} px from where the others '
     'have them: a torn frame or a second image')
 MISSING_STARS = Check(
     'MISSING_STARS',
-    'share of the stars that should be seen and are not, and centroids that are no star for each '
-    'of these', 'no attitude', 'only {seen} of {stars} stars that should be seen are, and {free} '
+    'share of expected stars that are missing, and centroids without a star for each of these',
+    'no attitude', 'only {seen} of {stars} stars that should be seen are, and {free} '
     'centroids are no star')
 
 # --- what is published ---
@@ -279,8 +278,8 @@ COVARIANCE = Check(
     'its errors are not known')
 PROTECTION = Check(
     'PROTECTION',
-    'separation of the attitudes without one and without two stars; share of false stars that no '
-    'test rejects', 'larger bound', '`protection_level_arcsec`',
+    'separation of the attitudes without one and without two stars; share of undetected false '
+    'stars', 'larger bound', '`protection_level_arcsec`',
     options='misleading_probability, false_star_probability')
 
 # --- several heads ---
@@ -288,7 +287,7 @@ HEAD_DIFFERS = Check(
     'HEAD_DIFFERS', 'attitude of a head minus that of the body by the others', 'frame not used',
     '{angle_deg:.3g} deg from what other heads and prediction have')
 HEAD_RETURNS = Check(
-    'HEAD_RETURNS', 'the same, of a head that is to count again', 'frame not used',
+    'HEAD_RETURNS', 'the same for a head that returns', 'frame not used',
     HEAD_DIFFERS.diagnostic)
 
 CHECKS = {name: value for name, value in globals().items() if isinstance(value, Check)}
