@@ -5,16 +5,20 @@
 
 import ast
 import configparser
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 import json
+import os
 from pathlib import Path
 import re
 import runpy
 import shlex
 import shutil
+import signal
 import subprocess
+import sys
 
 from commands import invoke
 from docutils.core import publish_doctree
@@ -24,11 +28,13 @@ import pytest
 from startracker_ros.command_line import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.processes import take_domain
 from startracker_ros.tools.cli.outcome import Commands
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
-             for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
+             for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))}
+TUTORIALS = [name for name in DOCUMENTS if name.startswith('docs/tutorials/')]
 # In a block or inline, behind a prompt or not, by the path of the venv or not.
 COMMAND = re.compile(r'(?:^\$? ?|`)(?:\.venv/bin/)?startracker ((?:[a-z-]+|--help)\b[^`\n]*)',
                      re.MULTILINE)
@@ -42,6 +48,7 @@ COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
 #   doctor                             a network; test/tools/doctor runs it
 #   campaign, bench                    minutes; test/evaluation runs them smaller
 # ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
+# Pages of docs/tutorials run as a whole: commands behind a prompt, Python, files of both.
 CHEAP = ('--help', '--version')
 
 
@@ -191,6 +198,81 @@ def test_examples_of_the_library_print_what_the_documents_say(
     runpy.run_path(str(path))
     assert f'```python\n{listing}\n```' in DOCUMENTS[document]
     assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
+
+
+BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+FILE = re.compile(r'# ([\w.]+\.(?:py|yaml))\n')
+FRAMES = dict.fromkeys(map(ord, '┏━┳┓┃┡╇┩│└─┴┘'), ' ')
+NEXT = '--- next command ---'
+
+
+def is_number(word: str) -> bool:
+    return re.fullmatch(r'[-+]?\d+\.?\d*', word) is not None
+
+
+def are_same(printed: list[str], words: list[str]) -> bool:
+    """Return whether words are those printed; other processors round otherwise."""
+    return len(printed) == len(words) and all(
+        a == b or (is_number(a) and is_number(b)
+                   and float(b) == pytest.approx(float(a), rel=0.02, abs=2e-3))
+        for a, b in zip(printed, words))
+
+
+def check_output(printed: str, output: str) -> None:
+    """Check the words of an output, whatever stands for `...` and draws the tables."""
+    first, *others = [part.split() for part in printed.translate(FRAMES).split('...')]
+    words, place = output.translate(FRAMES).split(), len(first)
+    assert are_same(first, words[:place]), output
+    for part in others:
+        place = next((end for end in range(place + len(part), len(words) + 1)
+                      if are_same(part, words[end - len(part):end])
+                      and (part is not others[-1] or end == len(words) or not part)), None)
+        assert place is not None, (part, output)
+    assert place == len(words) or (others and not others[-1]), output
+
+
+def run_commands(commands: list[str]) -> list[str]:
+    """Return the output of each command, in one shell; what it leaves behind is ended."""
+    script = '\n'.join(['set -e', *(f"echo '{NEXT}'; {command}" for command in commands)])
+    with subprocess.Popen(
+            ['bash', '-c', script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, env=os.environ | {
+                'ROS_DOMAIN_ID': take_domain(),
+                'PATH': f"{Path(sys.executable).parent}:{os.environ['PATH']}"}) as shell:
+        try:
+            output, errors = shell.communicate(timeout=HANGS_S)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(shell.pid, signal.SIGKILL)
+    assert shell.returncode == 0, errors
+    return output.split(f'{NEXT}\n')[1:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', TUTORIALS)
+def test_tutorials_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
+    (tmp_path / 'test').mkdir()
+    (tmp_path / 'test' / 'data').symlink_to(sky_data)
+    monkeypatch.chdir(tmp_path)
+    commands, listings, before = [], [], ''
+    for kind, text in BLOCK.findall(DOCUMENTS[name]):
+        if file := FILE.match(text):
+            Path(file[1]).write_text(text)
+        elif kind == 'console':
+            commands += [each.partition('\n')[::2] for each in text.split('$ ')[1:]]
+        elif kind == 'python':
+            listings.append([text, ''])
+        elif not kind and before == 'python':
+            listings[-1][1] = text
+        before = kind
+    assert commands or listings
+    for (_, printed), output in zip(
+            commands, run_commands([command for command, _ in commands]), strict=True):
+        check_output(printed, output)
+    variables: dict[str, object] = {}
+    for listing, printed in listings:
+        exec(compile(listing, name, 'exec'), variables)
+        check_output(printed, capsys.readouterr().out)
 
 
 def test_tables_of_the_readme_fit_a_terminal():
