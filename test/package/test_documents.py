@@ -25,6 +25,7 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
 import pytest
+import startracker_ros
 from startracker_ros.command_line import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
@@ -34,7 +35,9 @@ from startracker_ros.tools.cli.outcome import Commands
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
              for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))}
-TUTORIALS = [name for name in DOCUMENTS if name.startswith('docs/tutorials/')]
+# Listings of the readme are files of docs/examples, which tests compare and run.
+RUN_AS_A_WHOLE = [name for name, text in DOCUMENTS.items()
+                  if name != 'README.md' and '```python' in text]
 # In a block or inline, behind a prompt or not, by the path of the venv or not.
 COMMAND = re.compile(r'(?:^\$? ?|`)(?:\.venv/bin/)?startracker ((?:[a-z-]+|--help)\b[^`\n]*)',
                      re.MULTILINE)
@@ -48,7 +51,7 @@ COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
 #   doctor                             a network; test/tools/doctor runs it
 #   campaign, bench                    minutes; test/evaluation runs them smaller
 # ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
-# Pages of docs/tutorials run as a whole: commands behind a prompt, Python, files of both.
+# Pages of docs with Python run as a whole, with their commands in blocks of a console.
 CHEAP = ('--help', '--version')
 
 
@@ -182,22 +185,26 @@ def test_the_listing_in_cpp_is_the_example():
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 
 
-@pytest.mark.parametrize('document, name, arguments', [
-    ('README.md', 'solve_image', ['test/data/night-sky-11deg/'
-                                  '2019-07-29T204726_Alt40_Azi-135_Try1.png', '11.4', '2019.57']),
-    ('docs/library.md', 'track_sequence', []),
-    ('docs/library.md', 'own_method', []),
-    ('docs/library.md', 'evaluate_images', ['test/data/night-sky-6deg'])])
-def test_examples_of_the_library_print_what_the_documents_say(
-        document, name, arguments, sky_data, monkeypatch, capsys):
-    path = ROOT / 'docs' / 'examples' / f'{name}.py'
+def test_the_example_of_the_library_prints_what_the_readme_says(sky_data, monkeypatch, capsys):
+    path = ROOT / 'docs' / 'examples' / 'solve_image.py'
     listing = path.read_text().split('"""', 2)[2].strip()
-    monkeypatch.setattr('sys.argv', [str(path), *(
-        str(sky_data / Path(argument).relative_to('test/data')) if '/' in argument else argument
-        for argument in arguments)])
+    image, *others = re.search(r'`python docs/examples/solve_image.py test/data/([^`]*)`',
+                               DOCUMENTS['README.md'])[1].split()
+    monkeypatch.setattr('sys.argv', [str(path), str(sky_data / image), *others])
     runpy.run_path(str(path))
-    assert f'```python\n{listing}\n```' in DOCUMENTS[document]
-    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
+    assert f'```python\n{listing}\n```' in DOCUMENTS['README.md']
+    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS['README.md']
+
+
+def test_examples_use_public_names():
+    listings = [listing for text in DOCUMENTS.values()
+                for kind, listing in BLOCK.findall(text) if kind == 'python']
+    examples = [path.read_text() for path in (ROOT / 'docs' / 'examples').glob('*.py')]
+    assert len(listings) > 10 and len(examples) > 3
+    for text in listings + examples:
+        assert 'from startracker_ros' not in text and 'import startracker_ros.' not in text, text
+        named = set(re.findall(r'\bst\.([A-Za-z_]\w*)', text))
+        assert named <= set(startracker_ros.__all__), text
 
 
 BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -249,8 +256,8 @@ def run_commands(commands: list[str]) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', TUTORIALS)
-def test_tutorials_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize('name', RUN_AS_A_WHOLE)
+def test_pages_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
     (tmp_path / 'test').mkdir()
     (tmp_path / 'test' / 'data').symlink_to(sky_data)
     monkeypatch.chdir(tmp_path)
@@ -268,11 +275,13 @@ def test_tutorials_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys)
     assert commands or listings
     for (_, printed), output in zip(
             commands, run_commands([command for command, _ in commands]), strict=True):
-        check_output(printed, output)
+        if printed:
+            check_output(printed, output)
     variables: dict[str, object] = {}
     for listing, printed in listings:
         exec(compile(listing, name, 'exec'), variables)
-        check_output(printed, capsys.readouterr().out)
+        if printed:
+            check_output(printed, capsys.readouterr().out)
 
 
 def test_tables_of_the_readme_fit_a_terminal():
