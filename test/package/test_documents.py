@@ -198,7 +198,7 @@ def test_the_example_of_the_library_prints_what_the_readme_says(sky_data, monkey
 
 def test_examples_use_public_names():
     listings = [listing for text in DOCUMENTS.values()
-                for kind, listing in BLOCK.findall(text) if kind == 'python']
+                for kind, listing, _ in BLOCK.findall(text) if kind == 'python']
     examples = [path.read_text() for path in (ROOT / 'docs' / 'examples').glob('*.py')]
     assert len(listings) > 10 and len(examples) > 3
     for text in listings + examples:
@@ -207,22 +207,23 @@ def test_examples_use_public_names():
         assert named <= set(startracker_ros.__all__), text
 
 
-BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+# With what it prints, where that is in a block right behind it.
+BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$(?:\n\n```\n(.*?)^```$)?', re.MULTILINE | re.DOTALL)
 FILE = re.compile(r'# ([\w.]+\.(?:py|yaml))\n')
 FRAMES = dict.fromkeys(map(ord, '┏━┳┓┃┡╇┩│└─┴┘'), ' ')
 NEXT = '--- next command ---'
 
 
-def is_number(word: str) -> bool:
-    return re.fullmatch(r'[-+]?\d+\.?\d*', word) is not None
+def is_same(printed: str, word: str) -> bool:
+    """Return whether a word is the printed one; other processors round decimals otherwise."""
+    if not all(re.fullmatch(r'[-+]?\d+\.\d+', each) for each in (printed, word)):
+        return printed == word
+    last_digit = 10.0 ** -len(printed.partition('.')[2])
+    return abs(float(printed) - float(word)) < max(2.5 * last_digit, 2e-3)
 
 
 def are_same(printed: list[str], words: list[str]) -> bool:
-    """Return whether words are those printed; other processors round otherwise."""
-    return len(printed) == len(words) and all(
-        a == b or (is_number(a) and is_number(b)
-                   and float(b) == pytest.approx(float(a), rel=0.02, abs=2e-3))
-        for a, b in zip(printed, words))
+    return len(printed) == len(words) and all(map(is_same, printed, words))
 
 
 def check_output(printed: str, output: str) -> None:
@@ -261,17 +262,14 @@ def test_pages_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
     (tmp_path / 'test').mkdir()
     (tmp_path / 'test' / 'data').symlink_to(sky_data)
     monkeypatch.chdir(tmp_path)
-    commands, listings, before = [], [], ''
-    for kind, text in BLOCK.findall(DOCUMENTS[name]):
+    commands, listings = [], []
+    for kind, text, printed in BLOCK.findall(DOCUMENTS[name]):
         if file := FILE.match(text):
             Path(file[1]).write_text(text)
         elif kind == 'console':
             commands += [each.partition('\n')[::2] for each in text.split('$ ')[1:]]
         elif kind == 'python':
-            listings.append([text, ''])
-        elif not kind and before == 'python':
-            listings[-1][1] = text
-        before = kind
+            listings.append((text, printed))
     assert commands or listings
     for (_, printed), output in zip(
             commands, run_commands([command for command, _ in commands]), strict=True):
