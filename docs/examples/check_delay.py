@@ -4,29 +4,34 @@
 """
 Find the delay of a camera behind a gyro: python check_delay.py BAG [ATTITUDE_TOPIC IMU_TOPIC].
 
+BAG is a folder of MCAP files, as `startracker record` and rosbag2 write them.
+
 The turn between two frames by the stars is compared with the turn by the gyro between the same
 times, moved by the delay. The delay and the bias of the gyro are those of least squares.
 """
 
+from pathlib import Path
 import sys
 
+from mcap_ros2.reader import read_ros2_messages
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from startracker_ros.io.bags.reader import read_messages
 
 
 def read(bag: str, topic: str, values) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps (N,) in s and values of the messages that have some."""
+    """Return stamps (N,) in ns and values of the messages that have some."""
     found = {}
-    for record in read_messages(bag, topics=(topic,)):
-        message = record.decoded()
-        value = values(message)
-        if value is not None:
-            found[message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec] = value
+    for path in Path(bag).glob('*.mcap'):
+        for record in read_ros2_messages(path, topics=[topic]):
+            stamp, value = record.ros_msg.header.stamp, values(record.ros_msg)
+            if value is not None:
+                found[stamp.sec * 10 ** 9 + stamp.nanosec] = value
+    if not found:
+        sys.exit(f'{bag}: no MCAP file with {topic}')
     stamps_ns = np.array(sorted(found))
-    return (stamps_ns - ORIGIN_NS) * 1e-9, np.array([found[stamp_ns] for stamp_ns in stamps_ns])
+    return stamps_ns, np.array([found[stamp_ns] for stamp_ns in stamps_ns])
 
 
 def attitude(message):
@@ -41,7 +46,8 @@ def rate(message):
 
 def fit(attitudes, rates) -> tuple[float, float]:
     """Return the delay of the attitudes behind the rates and its 1 sigma, s."""
-    (times_s, quaternions), (rate_times_s, rates_rad_s) = attitudes, rates
+    (stamps_ns, quaternions), (rate_stamps_ns, rates_rad_s) = attitudes, rates
+    times_s, rate_times_s = ((each - stamps_ns[0]) * 1e-9 for each in (stamps_ns, rate_stamps_ns))
     turns = Rotation.from_quat(quaternions)
     by_stars = (turns[:-1].inv() * turns[1:]).as_rotvec() / np.diff(times_s)[:, None]
     # A rate is the mean since the one before: its integral is known at the stamps.
@@ -65,7 +71,6 @@ def fit(attitudes, rates) -> tuple[float, float]:
 
 
 if __name__ == '__main__':
-    ORIGIN_NS = next(iter(read_messages(sys.argv[1]))).log_time_ns
     topics = sys.argv[2:4] or ['/attitude_imu', '/imu']
     delay_s, sigma_s = fit(read(sys.argv[1], topics[0], attitude),
                            read(sys.argv[1], topics[1], rate))

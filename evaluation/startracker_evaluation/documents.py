@@ -18,6 +18,7 @@ for each value, and names each result that is older than the code it measures.
 
 from collections.abc import Iterator
 import json
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -32,7 +33,7 @@ _TABLE = re.compile(r'(<!-- result (?P<name>[\w-]+)(?:: (?P<columns>[^:\n]*))?'
 
 def pages(root: Path) -> list[Path]:
     """Return the pages of a source tree that may show results."""
-    return [root / 'README.md', *sorted((root / 'docs').glob('*.md'))]
+    return [root / 'README.md', *sorted((root / 'docs').rglob('*.md'))]
 
 
 def rendered(page: Path, root: Path) -> str:
@@ -41,7 +42,7 @@ def rendered(page: Path, root: Path) -> str:
 
     def table(found: re.Match[str]) -> str:
         path = folder / f'{found["name"]}.json'
-        link = path.relative_to(page.parent).as_posix()
+        link = Path(os.path.relpath(path, page.parent)).as_posix()
         lines = result_lines(json.loads(path.read_text()), link,
                              columns=[name.strip() for name in (found['columns'] or '').split(',')
                                       if name.strip()], rows=found['rows'] or '')

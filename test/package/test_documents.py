@@ -5,30 +5,39 @@
 
 import ast
 import configparser
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 import json
+import os
 from pathlib import Path
 import re
 import runpy
 import shlex
 import shutil
+import signal
 import subprocess
+import sys
 
 from commands import invoke
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
 import pytest
+import startracker_ros
 from startracker_ros.command_line import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.processes import take_domain
 from startracker_ros.tools.cli.outcome import Commands
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
-             for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
+             for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))}
+# Listings of the readme are files of docs/examples, which tests compare and run.
+RUN_AS_A_WHOLE = [name for name, text in DOCUMENTS.items()
+                  if name != 'README.md' and '```python' in text]
 # In a block or inline, behind a prompt or not, by the path of the venv or not.
 COMMAND = re.compile(r'(?:^\$? ?|`)(?:\.venv/bin/)?startracker ((?:[a-z-]+|--help)\b[^`\n]*)',
                      re.MULTILINE)
@@ -42,6 +51,7 @@ COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
 #   doctor                             a network; test/tools/doctor runs it
 #   campaign, bench                    minutes; test/evaluation runs them smaller
 # ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
+# Pages of docs with Python run as a whole, with their commands in blocks of a console.
 CHEAP = ('--help', '--version')
 
 
@@ -175,22 +185,101 @@ def test_the_listing_in_cpp_is_the_example():
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 
 
-@pytest.mark.parametrize('document, name, arguments', [
-    ('README.md', 'solve_image', ['test/data/night-sky-11deg/'
-                                  '2019-07-29T204726_Alt40_Azi-135_Try1.png', '11.4', '2019.57']),
-    ('docs/library.md', 'track_sequence', []),
-    ('docs/library.md', 'own_method', []),
-    ('docs/library.md', 'evaluate_images', ['test/data/night-sky-6deg'])])
-def test_examples_of_the_library_print_what_the_documents_say(
-        document, name, arguments, sky_data, monkeypatch, capsys):
-    path = ROOT / 'docs' / 'examples' / f'{name}.py'
+def test_the_example_of_the_library_prints_what_the_readme_says(sky_data, monkeypatch, capsys):
+    path = ROOT / 'docs' / 'examples' / 'solve_image.py'
     listing = path.read_text().split('"""', 2)[2].strip()
-    monkeypatch.setattr('sys.argv', [str(path), *(
-        str(sky_data / Path(argument).relative_to('test/data')) if '/' in argument else argument
-        for argument in arguments)])
+    image, *others = re.search(r'`python docs/examples/solve_image.py test/data/([^`]*)`',
+                               DOCUMENTS['README.md'])[1].split()
+    monkeypatch.setattr('sys.argv', [str(path), str(sky_data / image), *others])
     runpy.run_path(str(path))
-    assert f'```python\n{listing}\n```' in DOCUMENTS[document]
-    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
+    assert f'```python\n{listing}\n```' in DOCUMENTS['README.md']
+    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS['README.md']
+
+
+def test_examples_use_public_names():
+    listings = [listing for text in DOCUMENTS.values()
+                for kind, listing, _ in BLOCK.findall(text) if kind == 'python']
+    examples = [path.read_text() for path in (ROOT / 'docs' / 'examples').glob('*.py')]
+    assert len(listings) > 10 and len(examples) > 3
+    for text in listings + examples:
+        assert 'from startracker_ros' not in text and 'import startracker_ros.' not in text, text
+        named = set(re.findall(r'\bst\.([A-Za-z_]\w*)', text))
+        assert named <= set(startracker_ros.__all__), text
+
+
+# With what it prints, where that is in a block right behind it.
+BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$(?:\n\n```\n(.*?)^```$)?', re.MULTILINE | re.DOTALL)
+FILE = re.compile(r'# ([\w.]+\.(?:py|yaml))\n')
+FRAMES = dict.fromkeys(map(ord, '┏━┳┓┃┡╇┩│└─┴┘'), ' ')
+NEXT = '--- next command ---'
+
+
+def is_same(printed: str, word: str) -> bool:
+    """Return whether a word is the printed one; other processors round decimals otherwise."""
+    if not all(re.fullmatch(r'[-+]?\d+\.\d+', each) for each in (printed, word)):
+        return printed == word
+    last_digit = 10.0 ** -len(printed.partition('.')[2])
+    return abs(float(printed) - float(word)) < max(2.5 * last_digit, 2e-3)
+
+
+def are_same(printed: list[str], words: list[str]) -> bool:
+    return len(printed) == len(words) and all(map(is_same, printed, words))
+
+
+def check_output(printed: str, output: str) -> None:
+    """Check the words of an output, whatever stands for `...` and draws the tables."""
+    first, *others = [part.split() for part in printed.translate(FRAMES).split('...')]
+    words, place = output.translate(FRAMES).split(), len(first)
+    assert are_same(first, words[:place]), output
+    for part in others:
+        place = next((end for end in range(place + len(part), len(words) + 1)
+                      if are_same(part, words[end - len(part):end])
+                      and (part is not others[-1] or end == len(words) or not part)), None)
+        assert place is not None, (part, output)
+    assert place == len(words) or (others and not others[-1]), output
+
+
+def run_commands(commands: list[str]) -> list[str]:
+    """Return the output of each command, in one shell; what it leaves behind is ended."""
+    script = '\n'.join(['set -e', *(f"echo '{NEXT}'; {command}" for command in commands)])
+    with subprocess.Popen(
+            ['bash', '-c', script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, env=os.environ | {
+                'ROS_DOMAIN_ID': take_domain(),
+                'PATH': f"{Path(sys.executable).parent}:{os.environ['PATH']}"}) as shell:
+        try:
+            output, errors = shell.communicate(timeout=HANGS_S)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(shell.pid, signal.SIGKILL)
+    assert shell.returncode == 0, errors
+    return output.split(f'{NEXT}\n')[1:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', RUN_AS_A_WHOLE)
+def test_pages_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
+    (tmp_path / 'test').mkdir()
+    (tmp_path / 'test' / 'data').symlink_to(sky_data)
+    monkeypatch.chdir(tmp_path)
+    commands, listings = [], []
+    for kind, text, printed in BLOCK.findall(DOCUMENTS[name]):
+        if file := FILE.match(text):
+            Path(file[1]).write_text(text)
+        elif kind == 'console':
+            commands += [each.partition('\n')[::2] for each in text.split('$ ')[1:]]
+        elif kind == 'python':
+            listings.append((text, printed))
+    assert commands or listings
+    for (_, printed), output in zip(
+            commands, run_commands([command for command, _ in commands]), strict=True):
+        if printed:
+            check_output(printed, output)
+    variables: dict[str, object] = {}
+    for listing, printed in listings:
+        exec(compile(listing, name, 'exec'), variables)
+        if printed:
+            check_output(printed, capsys.readouterr().out)
 
 
 def test_tables_of_the_readme_fit_a_terminal():
