@@ -141,7 +141,7 @@ def _bodies(tracker: TrackFilter, camera: Camera, stamp_ns: int) -> tuple[BodyIn
     if tracked is None:
         return ()
     return Bodies(observer.bodies).in_image(
-        SkyMapping(camera, tracked.attitude.quaternion, observer.vantage))
+        SkyMapping(camera, tracked.attitude.quaternion, observer.state))
 
 
 class TargetOutput:

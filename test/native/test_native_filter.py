@@ -184,7 +184,7 @@ def test_what_is_published_is_that_of_the_record(own):
 def test_covariance_deficits_are_those_of_the_record():
     found = 0
     for *given, expected in recorded(
-            'lacking', 'covariance', 'error', 'across', 'probability', 'result'):
+            'deficit', 'covariance', 'error', 'across', 'probability', 'result'):
         same_covariance(native.covariance_deficit(*given), expected)
         found += expected.any()
     assert found

@@ -338,7 +338,7 @@ def test_any_input_does_no_harm(seed):
             np.linalg.cholesky(fused['covariance_rad2'] / np.trace(fused['covariance_rad2']))
         for number in range(3):
             heads.fusion.mount(number, heads.stamp(heads.time_s))
-            heads.fusion.learnt(number)
+            heads.fusion.estimated(number)
 
 
 def test_impossible_options_mounts_and_memory_are_refused():
@@ -378,11 +378,11 @@ def test_the_misalignment_is_about_body_axes_and_the_law_of_the_file_counts():
     np.testing.assert_allclose(misalignment, [1e-4, 2e-4, 0], atol=1e-15)
     np.testing.assert_allclose(2 * multiply(q, conjugate(mount))[:3], misalignment, atol=1e-10)
     np.testing.assert_allclose(np.diag(covariance), 1e-14 * (1 + 100) * np.ones(3))
-    learnt = fusion.learnt(1)
-    np.testing.assert_allclose(learnt['law'], mounts[1]['law'])
+    estimated = fusion.estimated(1)
+    np.testing.assert_allclose(estimated['law'], mounts[1]['law'])
     # The orbit has no terms here.
-    np.testing.assert_allclose(np.diag(learnt['law_covariance']), [1e-14] * 6 + [0.0] * 6)
-    assert not fusion.learnt(0)['has_covariance'] and fusion.learnt(0)['quaternion'] == (
+    np.testing.assert_allclose(np.diag(estimated['law_covariance']), [1e-14] * 6 + [0.0] * 6)
+    assert not fusion.estimated(0)['has_covariance'] and fusion.estimated(0)['quaternion'] == (
         pytest.approx(mount))
 
 

@@ -92,7 +92,7 @@ def ran(video, tmp_path_factory):
     return folder, result, browser
 
 
-def test_the_lens_is_learnt_and_the_attitude_that_of_the_sky(ran):
+def test_the_lens_is_estimated_and_the_attitude_that_of_the_sky(ran):
     folder, result, _ = ran
     camera = load_camera(folder / 'camera.yaml')
     assert camera.fx == pytest.approx(1000.0, rel=0.005)

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
+"""Photographs of uncalibrated cameras: lenses estimated, and images that show no stars."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +22,8 @@ from startracker_ros.io.output import OutputError
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.epoch_and_site import epoch_of, ObserverSite
+from startracker_ros.photographs.estimated_lens import estimate_lens
 from startracker_ros.photographs.ladder import LadderIdentifier
-from startracker_ros.photographs.learnt_lens import learn_lens
 from startracker_ros.photographs.outputs import Outputs
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.solve import (
@@ -143,7 +143,7 @@ def test_a_field_given_with_too_coarse_pixels_is_dropped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('count', [4, pytest.param(12, marks=pytest.mark.long)])
-def test_lenses_of_all_shapes_are_learnt(count):
+def test_lenses_of_all_shapes_are_estimated(count):
     outcome = solve_lens_fields(count, 11)
     assert not outcome.wrong.any()
     # The aim of the campaign is 98 %.
@@ -360,7 +360,7 @@ def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_d
     wide = Camera(1024, 768, 1500, 1500, 511.5, 383.5, (-0.35, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CameraError, match='folds'):
         wide.with_focal_ratio(0.5)
-    lens = learn_lens(attempt._replace(
+    lens = estimate_lens(attempt._replace(
         camera=wide,
         identification=replace(attempt.identification, focal_ratio=0.5)), 0.05)
     assert 'folds' in lens.rejected

@@ -153,7 +153,7 @@ _CONDITIONS = {
     **{f'line time {100 * error:+g} %, {rate:g} deg/s': MotionCondition(
         'sway', 0.0, 1.0, line_time_s=LINE_TIME_S, line_time_error=error, steady_deg_s=rate,
         needed_percent=0.0) for error, rate in ((0.1, 0.2), (0.1, 1.0), (-0.1, 1.0))},
-    'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
+    'timestamp errors of 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
 
 MOTION_CONDITIONS = {f'list, {name}': condition for name, condition in _CONDITIONS.items()}

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from startracker_evaluation.campaign.centroid import (
     EPOCH_YEAR as NIGHT_EPOCH_YEAR, known_attitude, solutions)
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -135,9 +135,9 @@ def _frame(q: np.ndarray, velocity_m_s: np.ndarray, before: np.ndarray | None,
            rng: np.random.Generator) -> tuple[tuple, np.ndarray | None]:
     """Return one row of Frames, and the attitude found, which predicts the next frame."""
     identifier = _identifier()
-    vantage = vantage_near_earth(EPOCH_YEAR, velocity_m_s)
+    observer_state = state_near_earth(EPOCH_YEAR, velocity_m_s)
     onboard = identifier.onboard
-    apparent = replace(onboard, direction=apparent_directions(onboard.direction, vantage))
+    apparent = replace(onboard, direction=apparent_directions(onboard.direction, observer_state))
     centroids, hip = star_list(apparent, CAMERA, q, SIGMA_PX, rng)
     field = identifier.field_stars(centroids)
     published_s, (star, quaternion) = cpu_timed(published, identifier, field)

@@ -411,10 +411,10 @@ bool Extractor::points(const Frame &frame, double sigma_px, int most, Extraction
                        Arena &arena) const {
     const Arena::Scope scope(arena);
     const List<Peak> &all = frame.search.peaks;
-    const auto room = static_cast<size_t>(all.count);
-    List<Peak> peaks = arena.list<Peak>(room), chosen = arena.list<Peak>(room);
-    auto *places = arena.take<Place>(room);
-    auto *good = arena.take<uint8_t>(room);
+    const auto capacity = static_cast<size_t>(all.count);
+    List<Peak> peaks = arena.list<Peak>(capacity), chosen = arena.list<Peak>(capacity);
+    auto *places = arena.take<Place>(capacity);
+    auto *good = arena.take<uint8_t>(capacity);
     const double share = least_share(sigma_px < FILTER_SIGMA_PX ? sigma_px : FILTER_SIGMA_PX);
     // Hot pixels are listed ahead of hits of particles.
     for (int i = 0; i < all.count; ++i) {

@@ -316,7 +316,7 @@ void ExtractionStage::learn_shown(const Shown &shown, const Expected &expected) 
     }
     unexplained_ = {true, shown.streak};
     if (before.known && shown.streak.is_close(before.streak)) {
-        // A time that was learnt from the shape of the stars is none.
+        // A time estimated from the shape of the stars is not given.
         shape_ = unexplained_;
         if (!exposure_.is_given()) {
             exposure_ = Exposure();

@@ -635,10 +635,10 @@ void Fusion::misalignment(int number, int64_t stamp_ns, Vector3 &offset,
     }
 }
 
-st_mount Fusion::learnt(int number) const {
+st_mount Fusion::estimated(int number) const {
     const Head &head = heads_[number];
     const int first = head.columns.first, m = coefficient_count_;
-    return head.learnt(coefficients_ + first, mount_covariance_ + first * m + first, m);
+    return head.estimated(coefficients_ + first, mount_covariance_ + first * m + first, m);
 }
 
 /// Drop the attitude where a mount has left what its file allows, and exclude the head. The

@@ -229,7 +229,7 @@ Sensitivity Head::sensitivity(int64_t stamp_ns) const {
     return B;
 }
 
-st_mount Head::learnt(const double *coefficients, const double *covariance, int stride) const {
+st_mount Head::estimated(const double *coefficients, const double *covariance, int stride) const {
     st_mount after = mount;
     after.has_covariance = is_reference ? 0 : 1;
     if (is_reference) {

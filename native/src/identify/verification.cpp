@@ -151,10 +151,10 @@ bool same_attitude(const StarMatch &a, const StarMatch &b, int count) {
 }
 
 size_t verification_bytes(int most) {
-    const auto room = static_cast<size_t>(most);
-    return Arena::padded<bool>(room) + Arena::padded<int32_t>(room) +
-           3 * Arena::padded<Point>(room) + 2 * Arena::padded<Vector3>(room) +
-           Arena::padded<double>(room);
+    const auto capacity = static_cast<size_t>(most);
+    return Arena::padded<bool>(capacity) + Arena::padded<int32_t>(capacity) +
+           3 * Arena::padded<Point>(capacity) + 2 * Arena::padded<Vector3>(capacity) +
+           Arena::padded<double>(capacity);
 }
 
 }  // namespace st

@@ -54,7 +54,7 @@ struct LensError {
 bool add_frame(const Lens &lens, const int32_t *star, const DetectedStar *stars, int count,
                LensError &error, Arena &arena);
 
-/// Return the lens of a camera with the scale that was learnt.
+/// Return the lens of a camera with the scale that was estimated.
 Lens corrected_lens(const Lens &lens, const LensError &error);
 
 /// Bytes of work memory of so many stars.

@@ -231,9 +231,9 @@ void add_frame(const AttitudeAt &before, const AttitudeAt &predicted, const Atti
     jitter.interval_s = interval_s;
     const double variance_s2 = jitter.differences.variances_s2[COMPARED_FRAMES - 1];
     // A few times that happen to agree do not end what many have shown.
-    const double learnt_s2 = most(stamp_variance(jitter.differences, expected),
-                                  FADES * jitter.sigma_s * jitter.sigma_s);
-    jitter.sigma_s = learnt_s2 > variance_s2 ? std::sqrt(learnt_s2) : 0.0;
+    const double estimated_s2 = most(stamp_variance(jitter.differences, expected),
+                                     FADES * jitter.sigma_s * jitter.sigma_s);
+    jitter.sigma_s = estimated_s2 > variance_s2 ? std::sqrt(estimated_s2) : 0.0;
     const Vector3 along = R_inverse * now;
     const double speed2 = dot(along, now);
     if (speed2 != 0) {

@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Errors of stamps, learnt from the frames of a body that turns.
+// Errors of stamps, estimated from the frames of a body that turns.
 //
 // A stamp that is late by d shows the body where it is not yet: a turn w d along its rate w, the same
 // for all stars. Frames stamped on arrival err by milliseconds, each by another time. Neither

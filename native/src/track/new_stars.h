@@ -32,7 +32,7 @@ struct NewStar {
 
 /// Return the median magnitude of 1 DN by the detected stars of a bank; NaN without any, or where
 /// one has no positive flux.
-double zero_point(const TrackBank &bank, const SkyFile &file, Arena &work);
+double zero_point(const TrackList &bank, const SkyFile &file, Arena &work);
 
 /// Return the bytes of work memory of match_new_stars(), for so many stars in view.
 size_t match_new_stars_bytes(int stars, int centroids);

@@ -138,8 +138,8 @@ private:
     };
 
     bool is_attitude() const { return options_.model == ST_ATTITUDE_MODEL; }
-    TrackBank &bank() { return is_attitude() ? bank_ : stars_.bank; }
-    const TrackBank &bank() const { return is_attitude() ? bank_ : stars_.bank; }
+    TrackList &bank() { return is_attitude() ? bank_ : stars_.bank; }
+    const TrackList &bank() const { return is_attitude() ? bank_ : stars_.bank; }
     Lens model_lens() const { return is_attitude() ? attitude_.lens() : lens_; }
     Vector3 rate_rad_s() const;
     Matrix3 rate_covariance() const;
@@ -185,7 +185,7 @@ private:
     StarsInView view_{};
     AttitudeModel attitude_;
     StarModel stars_{};
-    TrackBank bank_;
+    TrackList bank_;
 
     bool has_stamp_ = false;
     int64_t stamp_ns_ = 0, before_ns_ = 0, tracks_ns_ = 0, good_ns_ = 0;

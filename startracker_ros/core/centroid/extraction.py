@@ -48,7 +48,7 @@ class ExtractionOptions(Options):
     max_stars: int = option(
         40, 'maximum number of stars, the brightest ones', low=1, high=5000, live=True)
     exposure_s: float = option(
-        0.0, 'exposure time of the images; 0: that of exposure_start, without it learnt from the '
+        0.0, 'exposure time of the images; 0: that of exposure_start, else estimated from the '
         'length of streaks', unit='s', low=0.0, high=600.0)
     line_time_us: float = option(
         0.0, 'rolling shutter: delay from one row to the next; 0: global shutter', unit='us',

@@ -91,12 +91,12 @@ class AttitudeFusionNode(PipelineNode):
                                'stamp is not newer than the last')
 
     def _save_mounts(self) -> tuple[bool, str]:
-        """Write the mounts as learnt so far; return whether it worked, and where they are."""
+        """Write the mounts as estimated so far; return whether it worked, and where they are."""
         path = self.options(HeadsOptions).output_file
         if self._fusion is None:
             return False, 'no mounts_file: there are no mounts'
         try:
-            save_mounts(self._fusion.mounts.learnt(), path)
+            save_mounts(self._fusion.mounts.estimated(), path)
         except OSError as error:
             return False, f'output_file {path}: {error.strerror}'
         return True, f'mounts written to {path}'

@@ -104,7 +104,7 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
 @click.option('--device', default='/dev/video0', show_default=True, type=InputName(),
               help='Camera of Video4Linux, or a video, or a folder or pattern of images.')
 @click.option('--camera', 'camera_file', type=InputPath(),
-              help='Camera YAML.  [default: learnt from the first image that is solved]')
+              help='Camera YAML.  [default: estimated from the first image that is solved]')
 @click.option('--fov-deg', type=FOV_DEG, help='Horizontal field of view to 5 %, to learn the lens '
               'sooner.')
 @click.option('--exposure-ms', type=float, default=0.0, help='Exposure time.  '

@@ -26,7 +26,7 @@ def state(time_s=0.0):
 
 
 def velocity(observer, stamp_ns=STAMP_NS):
-    return observer.vantage.velocity_m_s - earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
+    return observer.state.velocity_m_s - earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
 
 
 def test_full_needs_odometry():
@@ -98,7 +98,7 @@ def test_the_date_of_another_clock_is_unknown(stamp_s, words):
     motion = ObserverMotion(epoch=epoch)
     motion.add_state(stamp_ns, state())
     observer = motion.at(stamp_ns)
-    assert observer.vantage is None and observer.bodies is None and observer.trouble
+    assert observer.state is None and observer.bodies is None and observer.trouble
     assert observer.velocity_sigma_m_s == EARTH_SIGMA_M_S
     assert observer.epoch_sigma_years == epoch.sigma_years
     # One text for a whole run, of which a log has one line.
@@ -132,7 +132,7 @@ def test_the_mode_is_that_of_the_parameter():
         motion.add_state(STAMP_NS, state())
         observer = motion.at(STAMP_NS)
         assert (observer.condition, observer.velocity_sigma_m_s) == (mode, sigma)
-        assert (observer.vantage is None) == (mode == 'none')
+        assert (observer.state is None) == (mode == 'none')
 
 
 def test_elements_take_the_place_of_odometry():

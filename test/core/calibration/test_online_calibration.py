@@ -104,7 +104,7 @@ def test_nothing_is_proposed_that_frames_left_out_do_not_prove():
     calibration, rng = OnlineCalibration(CAMERA), np.random.default_rng(3)
     wrong = CAMERA.with_focal_ratio(1.00016)
     for index in range(60):
-        # What is learnt is wrong; the frames left out, every fourth, are of the camera in use.
+        # What is estimated is wrong; the frames left out, every fourth, are of the camera in use.
         truth = CAMERA if index % 4 == 3 else wrong
         assert calibration.add(frame_of(truth, rng, index)) is None
     lens, covariance = calibration.filter.at(np.nan)

@@ -502,7 +502,7 @@ def test_a_covariance_that_is_none_is_given_up():
         result, = heads.run(1, heads=[0])
         assert result is None and heads.fusion.trouble.startswith(
             'the covariance of the filter is not positive definite, its diagonal is [')
-        # And begins anew, without what was learnt with it.
+        # And begins anew, without what was estimated with it.
         heads.covariance = COVARIANCE
         last = heads.run(3)[-1]
         assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''

@@ -81,7 +81,7 @@ def test_a_planet_is_no_star_and_has_its_name(pipeline, name, year, magnitude):
     result, spots = process(pipeline, frames)
     frame = frames[-1][1]
     observer = pipeline.tracker.sky.at(result.stamp_ns).observer
-    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.vantage)
+    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.state)
     seen = {body.name: body for body in Bodies(observer.bodies).in_image(sky)}
     assert seen[name].magnitude == pytest.approx(magnitude, abs=0.15)
     planets = frame.stars.uv[frame.stars.hip == 0]

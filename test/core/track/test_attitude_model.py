@@ -276,7 +276,7 @@ def published_sigma(stated, **options):
     return np.sqrt(np.mean([np.diag(covariance) for covariance in covariances[50:]], axis=0))
 
 
-def test_errors_that_are_stated_too_large_are_learnt():
+def test_errors_that_are_stated_too_large_are_estimated():
     """As of stars that are no Gaussians."""
     true_sigma = published_sigma(1.0)
     assert published_sigma(1.6) == pytest.approx(true_sigma, rel=0.1)

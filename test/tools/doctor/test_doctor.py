@@ -153,8 +153,8 @@ def test_caches(tmp_path):
     (tmp_path / 'file').touch()
     assert install.check_cache(tmp_path / 'made' / 'later').holds
     assert not install.check_cache(tmp_path / 'file' / 'below').holds
-    assert 'GB free' in install.check_room(tmp_path).result
-    assert not install.check_room(tmp_path / 'file').holds
+    assert 'GB free' in install.check_disk(tmp_path).result
+    assert not install.check_disk(tmp_path / 'file').holds
 
 
 @pytest.mark.parametrize('changed, trouble', [
