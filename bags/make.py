@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Makes the golden bags beside this file anew: python bags/make.py [FOLDER].
+Makes the golden bags beside this file again: python bags/make.py [FOLDER].
 
 Simulated images run through the cores of the nodes, one frame after the other, and everything
 is recorded as the nodes publish it. The same code makes the same bags.

@@ -323,7 +323,7 @@ STAMP_FAULTS = ('as recorded', '5 ms', 'shaken')
 
 
 def with_stamp_errors(fault: str, numbers: np.ndarray) -> np.ndarray:
-    """Return states, turns and covariances (F, 33) of frames whose stamps err, or that shake."""
+    """Return states, turns and covariances (F, 33) of frames with timestamp errors or shaken."""
     rng, numbers = np.random.default_rng(4), numbers.copy()
     if fault == '5 ms':
         numbers[:, 21:24] += rng.normal(0, 5e-3, (len(numbers), 1)) * numbers[:, 11:14]

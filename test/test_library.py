@@ -244,7 +244,7 @@ def test_wrong_input_is_named():
                        ([np.nan, 0, 0], 'three finite numbers'), ('fast', 'three finite')):
         with pytest.raises(ValueError, match=text):
             tracker.add_rate(0, rate)
-    # A gyro at the end of its range is no mistake.
+    # A gyro at the end of its range is not a mistake.
     tracker.add_rate(0, [8.0, 0.0, 0.0])
     with pytest.raises(ValueError, match='ndarray, must be Centroids: extract'):
         st.identify(np.zeros((3, 2)), CAMERA, epoch_year=2026.5)

@@ -18,7 +18,7 @@
  * Capacity  Every list has a capacity in st_capacities. What does not fit is counted in the
  *           result and left out; nothing is written past a capacity.
  * Errors    A call that is used wrongly returns an st_status and changes nothing. A frame without
- *           a trusted attitude is no error: the call returns ST_OK, the result has an st_reason.
+ *           a trusted attitude is not an error: the call returns ST_OK, with an st_reason.
  * Frames    Sensor frame: x right, y down in the image, z along the boresight out of the lens.
  *           Pixel (0, 0) is the centre of the top-left pixel. Inertial frame: ICRF.
  * Attitude  Hamilton quaternion in the order x, y, z, w, q_icrf_from_sensor: v_icrf = R(q) v_sensor,
@@ -316,7 +316,7 @@ typedef enum {
     ST_REASON_ROWS_LATE = 400,    /* row, s by which the rows beyond it are late: a torn frame */
     ST_REASON_LINE_TIME,          /* us by which line_time_us is off */
     ST_REASON_SECOND_IMAGE,       /* stars, of stars, px from where the others have them */
-    ST_REASON_STARS_ABSENT,       /* stars seen, of stars, centroids that are no star */
+    ST_REASON_STARS_ABSENT,       /* stars seen, of stars, centroids that are not stars */
     ST_REASON_REPEATED_CENTROIDS, /* those of the frame before, with their noise */
     /* gyro that is not used */
     ST_REASON_GYRO_AT_RANGE = 500,
@@ -589,7 +589,7 @@ ST_API const st_rejected *st_rejections(const st_tracker *tracker, size_t *count
 
 /* Which stars a list of centroids shows, lost in space, by the sky file of st_create. Those of a
  * rolling shutter (delay_s) are moved to the time of the frame, by the list before where that helps;
- * planets, Moon and Sun of the observer are no stars. The attitude is that of a sky without
+ * planets, Moon and Sun of the observer are not stars. The attitude is that of a sky without
  * aberration: up to 26 arcsec off, which the tracking and st_trust_stars are not. The search
  * does most_work_s of work at most, and slice_s of it in this call (infinity: all); it is then
  * ST_SEARCHING, and st_identify_on() continues it, with the same result as in one call. A thread of
@@ -643,7 +643,7 @@ ST_API st_status st_add_identification(st_tracker *tracker, int64_t stamp_ns,
                                        st_tracking *tracking);
 
 /* What the tracking knows now, with the list of tracks: also of a whole frame whose identification
- * began it anew, of which st_result has the tracks that were trusted. */
+ * restarted it, of which st_result has the tracks that were trusted. */
 ST_API st_status st_known(st_tracker *tracker, st_tracking *tracking);
 
 /* Lists of the last call, as st_centroids. Predictions are computed when they are asked for, null
@@ -679,7 +679,7 @@ ST_API st_status st_process_image(st_tracker *tracker, int64_t stamp_ns, const s
                                   st_result *result);
 
 /* The same of centroids. exposure_s (2) are the least and largest exposure, null where unknown;
- * windowed: only predicted stars were measured, which is no check of the tracks. */
+ * windowed: only predicted stars were measured, which is not a check of the tracks. */
 ST_API st_status st_process_centroids(st_tracker *tracker, int64_t stamp_ns,
                                       const st_centroid *centroids, size_t count,
                                       const double *exposure_s, int32_t windowed,

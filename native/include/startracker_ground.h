@@ -318,7 +318,7 @@ typedef struct {
     double covariance[ST_MOST_LENS_PARAMETERS][ST_MOST_LENS_PARAMETERS];
     double error_px;    /* per axis, that the residuals show */
     double probability; /* of st_grow_lens(): that its matches are chance */
-    int32_t folds;      /* 1: it folds the image over itself, or is none at all */
+    int32_t folds;      /* 1: it folds the image over itself, or is not a lens */
     int32_t reserved;
 } st_fitted_lens;
 

@@ -27,7 +27,7 @@ class Attitude(AttitudeEstimate):
     velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
     cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where
     it is not known. shown_rad_s2 (3,) is the angular acceleration that the frames show, with its
-    change jerk_rad_s3 (3,); acceleration_rad_s2 (3,) is the 1 sigma of what it may be off after
+    change jerk_rad_s3 (3,); acceleration_rad_s2 (3,) is the 1 sigma of its error after
     the frame, before_rad_s2 (3,) before it.
     protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
     infinite where there is no bound, and at another time, where budget is None.
@@ -127,7 +127,7 @@ class FrameResult:
     are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude
     is None where that cannot be trusted: reason says why, and is empty otherwise. aberration is
     what the attitude is corrected for (full, earth_only, none), with why that is less than asked
-    for, such as stamps that are no UTC; empty for a frame that was not used.
+    for, such as stamps that are not UTC; empty for a frame that was not used.
     """
 
     stamp_ns: int

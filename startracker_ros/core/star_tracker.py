@@ -53,7 +53,7 @@ class StarTracker:
 
     Frames come in the order of their stamps, UNIX time in ns of the middle of the exposure. A
     frame that is not newer than the one before is not used, and its result has the reason; one
-    that is older by more than a second begins anew, as after reset().
+    that is older by more than a second resets the tracker, as reset() does.
 
     Stars are identified by their directions without aberration; every attitude that goes out is
     fitted to the apparent directions of its stamp and is that of the sensor in ICRF.
@@ -142,7 +142,7 @@ class StarTracker:
         """
         Use geocentric position (3,) m and velocity (3,) m/s on ICRF axes for aberration.
 
-        It is propagated for ten minutes. ValueError for what is no orbit about the Earth.
+        It is propagated for ten minutes. ValueError for what is not an orbit about the Earth.
         """
         self.motion.add_state(checked_stamp(stamp_ns), State(
             vector_of('position_m', position_m), vector_of('velocity_m_s', velocity_m_s),

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arguments of the library: what is no value of a kind is named."""
+"""Arguments of the library: what is not a value of a kind is named."""
 
 from typing import TypeVar
 

@@ -89,7 +89,7 @@ class PhotographSolver:
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
         nominal is the camera as far as it is known; observer is how the camera moved; bodies are
-        no stars; place is where the image is, for the catalogue of the user.
+        not stars; place is where the image is, for the catalogue of the user.
         """
         detections = Detections(image)
         extraction = detections.extraction
@@ -173,7 +173,7 @@ class PhotographSolver:
 
 
 def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
-    """Return what a mirrored image shows, empty if it is none."""
+    """Return what a mirrored image shows, empty if it is not mirrored."""
     flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
                        covariance=ROUND) for centroids in lists]
     solved, _ = first_lens(search.identify_mirrored(flipped), search.fov_error)

@@ -23,7 +23,7 @@ class Solution:
     What one image shows.
 
     camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
-    identified, and bodies, which are no centroids of it, are known only then. The attitude is that
+    identified, and bodies, not centroids of it, are known only then. The attitude is that
     of the sensor axes of camera, +z its optical axis: star directions turned by it and projected
     by camera are the pixels of the stars. Pointing and roll are those of the middle of the image
     where the lens is fitted to it (fitted), else of the optical axis of a calibrated camera.

@@ -272,7 +272,7 @@ class Solvers:
                                             place)
             return replace(solution, turned_over=True), time_ms + more_ms
         if not solution.solved:
-            # Sharp stars of compressed images look like such clusters: these are no first choice.
+            # Sharp stars of compressed images look like such clusters: not the first choice.
             clean = without_clusters(photograph.image)
             if clean is not photograph.image:
                 cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,

@@ -70,7 +70,7 @@ class OnlineLens:
 
     def _on_temperature(self, message: Temperature) -> None:
         if not -273.15 <= message.temperature <= 1000.0:
-            raise MessageError(f'{message.temperature:g} degC is no temperature')
+            raise MessageError(f'{message.temperature:g} degC is not a temperature')
         self._temperature_c = message.temperature
 
     def _on_centroids(self, message: PointCloud2) -> None:

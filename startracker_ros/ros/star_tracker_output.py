@@ -85,7 +85,7 @@ class TrackerStateOutput:
             diagnostics.report(WARN, f'{tracker.state.value}: {tracker.gyro_trouble}')
         elif tracker.stamp_sigma_s:
             error_ms = f'{tracker.stamp_sigma_s * 1e3:.2g} ms'
-            diagnostics.report(WARN, f'{tracker.state.value}: stamps err by {error_ms}: '
+            diagnostics.report(WARN, f'{tracker.state.value}: timestamp errors of {error_ms}: '
                                'stamp frames in the driver, at the middle of the exposure')
         else:
             diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',

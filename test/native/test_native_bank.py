@@ -280,7 +280,7 @@ def test_a_frame_that_contradicts_the_tracks(lists):
             'stt_contradicts', q / np.linalg.norm(q), covariance, max_residual_px))
 
     assert not contradicts(0.0, small) and contradicts(0.01, small)
-    # A small sigma alone, or a poor lens alone, is no contradiction.
+    # A small sigma alone, or a poor lens alone, is not a contradiction.
     assert not contradicts(0.01, 1e-3 * np.eye(3))
     assert not contradicts(0.01, small, 50.0)
 

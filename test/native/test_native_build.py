@@ -41,7 +41,7 @@ def test_a_compiler_that_is_not_there(tmp_path):
 
 
 def test_a_program_that_is_no_compiler(tmp_path):
-    assert failure(tmp_path, 'false').startswith('native core: false is no compiler for C++: ')
+    assert failure(tmp_path, 'false').startswith('native core: false is not a compiler for C++: ')
 
 
 def test_a_compiler_that_is_too_old(tmp_path):

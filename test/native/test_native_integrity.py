@@ -517,7 +517,7 @@ def test_errors_of_stamps_are_estimated():
 
 
 def jitter_of(sigma_s, seed, frames=60):
-    """Return what is estimated of stamps that err by so much, of a body that turns steadily."""
+    """Return the sigma estimated of such timestamp errors, of a body that turns steadily."""
     rng, jitter = np.random.default_rng(seed), native_integrity.StampJitter()
     rate, noise_rad, found = np.array([0.01, -0.015, 0.003]), 2e-6, []
     states = [np.concatenate([Rotation.from_rotvec(0.1 * k * rate).as_quat(), rate])

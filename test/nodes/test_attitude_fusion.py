@@ -116,11 +116,11 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     assert np.any(pose.covariance) and not np.any(np.reshape(pose.covariance, (6, 6))[:3])
     probe.wait(lambda: probe.received['gyro_drift'] and probe.received['tracker_2/mount'],
                'drift and mount')
-    # What is no attitude, and what is no temperature.
-    body.run_until('is no attitude', heads=(0,), also=lambda: body.send(
+    # What is not an attitude, and what is not a temperature.
+    body.run_until('is not an attitude', heads=(0,), also=lambda: body.send(
         1, quaternion=[0.0, 0.0, 0.0, np.nan]))
     temperature = probe.advertise(Temperature, 'tracker_1/temperature', qos.LIST)
-    body.run_until('nan degC is no temperature', also=lambda: temperature.publish(
+    body.run_until('nan degC is not a temperature', also=lambda: temperature.publish(
         Temperature(temperature=float('nan'))))
     # Frames of a head that come 2 s late.
     body.run_until('frames 2.0 s behind the other heads', heads=(0,),

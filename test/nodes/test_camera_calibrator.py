@@ -140,7 +140,7 @@ def test_a_camera_that_has_changed_in_flight_is_proposed_and_applied(nodes, prob
         probe.spin_for(0.01)
 
     probe.publish_until_received(temperature, Temperature(temperature=float('nan')))
-    probe.wait_diagnostic('nan degC is no temperature')
+    probe.wait_diagnostic('nan degC is not a temperature')
     probe.publish_until_received(temperature, Temperature(temperature=21.0))
 
     def mirrored(spots):

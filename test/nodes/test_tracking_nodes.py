@@ -194,7 +194,7 @@ def test_limits_change_without_loss_of_lock(nodes, probe):
     tracking = len(states)
 
     def set_parameter(node, name, value):
-        """Set a parameter; repeated, it is no change."""
+        """Set a parameter; setting it again has no effect."""
         assert probe.call(SetParameters, f'/{node}/set_parameters', SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])).results[0].successful
     set_parameter('star_tracker', 'max_gap_s', 2.0)

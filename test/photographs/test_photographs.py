@@ -158,7 +158,7 @@ def test_a_draw_of_a_lens_can_be_repeated():
 
 @pytest.mark.parametrize('given_deg', [10.95, 11.9])
 def test_a_field_of_view_told_five_percent_off(sky_data, given_deg):
-    """And each image saved as JPEG: blocks and noise of compression are no stars."""
+    """And each image saved as JPEG: blocks and noise of compression are not stars."""
     paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[::3]
     rows = solve_files(paths, fov_deg=given_deg, epoch_year=2019.57, options=WIDE).rows
     for row in rows:

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wide lenses of which nothing is known are identified, the centre neither, and noise is none."""
+"""Wide lenses of which nothing is known are identified, without their centre, noise is not."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_a_lens_that_has_grown_into_a_part_of_the_image_is_no_answer(identifier)
 
 
 def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
-    # Of its 40 brightest spots 11 are none, among them the four brightest.
+    # Of its 40 brightest spots 11 are not stars, among them the four brightest.
     night = draw_night(np.random.default_rng([2, 15, 9]), 'equisolid')
     assert error_px(identifier, night) < 1.0
 

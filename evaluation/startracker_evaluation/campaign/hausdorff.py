@@ -448,7 +448,7 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
                 'magnitudes put 3 to 16 stars more within a limit than the paper has',
         '% of answered': "the paper's correct share of its answers less three standard errors of "
                          'its 200 draws',
-        'misprints': '10.15 and 0.15 % are no shares of 200 directions',
+        'misprints': '10.15 and 0.15 % are not shares of 200 directions',
         'times': 'process CPU time of one thread after warm-up, mean; the paper used MATLAB, so '
                  'its times bind nothing. Our Pyramid is compiled code, the nearest set is NumPy '
                  'with some 0.2 ms of calls: that is why it is not faster here, as in the paper',

@@ -250,7 +250,7 @@ NEES_BOUNDS = 1.5, 3.8
 """
 Bounds of the mean normalised squared error of 3 axes, of the supported conditions.
 
-The lower one leaves room for motions that may begin in any frame, which the covariance contains.
+The lower one allows for motions that may begin in any frame, which the covariance contains.
 Only the upper one holds where the camera is shaken within an exposure, or line_time_us is wrong:
 what the covariance adds for that is not an error of each frame.
 """

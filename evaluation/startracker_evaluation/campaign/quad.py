@@ -278,7 +278,7 @@ def real_frames(folder: Path, epoch_year: float) -> tuple[np.ndarray, np.ndarray
     Return times in ms, solved and right, each (F, 3), of the real images of a folder.
 
     Columns are the paper's steps, the method of the node lost in space, and the same near an
-    attitude that is _MOVED_DEG off, for the images are no sequence. Those that nobody solved
+    attitude that is _MOVED_DEG off, for the images are not a sequence. Those that nobody solved
     are left out.
     """
     rows = []

@@ -37,7 +37,7 @@ struct Limits {
 };
 
 /// Ring buffers of a search down the image; row v is at v modulo their length. image (2 r + 1, W);
-/// down (3, W + 2 r): filtered along the columns, r px longer on each side. smooth (3, W) is no
+/// down (3, W + 2 r): filtered along the columns, r px longer on each side. smooth (3, W) is not a
 /// ring: rows v - 1, v, v + 1 filtered along both axes, where needed.
 struct Rows {
     float *image[2 * MOST_WEIGHTS];

@@ -247,7 +247,7 @@ void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
     fill(fused);
 }
 
-/// Drop a state whose covariance is none, with the mounts estimated; return whether it is.
+/// Drop a state without a valid covariance, with the mounts estimated; return whether it is.
 bool Fusion::gave_up(const FusedState &state) {
     if (has_covariance(state.body)) {
         return false;

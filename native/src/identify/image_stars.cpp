@@ -50,7 +50,7 @@ void usable_stars(const Lens &lens, const st_centroid *centroids, const int32_t 
             continue;
         }
         const Point plane = undistorted(lens, pixel);
-        // Outside the circle of a fisheye are no stars.
+        // A fisheye has no stars outside its circle.
         if (std::isnan(plane.x)) {
             continue;
         }

@@ -122,7 +122,7 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
     auto *brightest = work.take<bool>(static_cast<size_t>(stars.count));
     const int cells = occupied_cells(stars, found.star, area, CELLS_ACROSS, brightest, work);
     const auto marked = static_cast<int>(std::count(brightest, brightest + stars.count, true));
-    // The stars of the base are no evidence for it.
+    // The stars of the base are not evidence for it.
     const int m = std::max(marked - based, 0), n = std::max(cells - based, m);
     const double p = std::fmin(1.0, std::max(in_field, 1) * M_PI * r * r / area);
     const int32_t *counts = verifier.counts;

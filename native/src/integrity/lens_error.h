@@ -3,7 +3,7 @@
 
 // Errors of star positions that stay from frame to frame, measured by the residuals.
 //
-// A lens that is not quite the camera model, coma, or an image that is no Gaussian moves a star by
+// A lens that differs from the camera model, coma, or an image that is not Gaussian moves a star by
 // nearly the same in the next frame. A filter averages noise over frames, but not these. Where all
 // noise is white the residuals of the filter are white as well: the mean product of a star's
 // residuals in two frames in a row is the variance of what stays. A rotation of all stars is removed

@@ -18,7 +18,7 @@ constexpr double MEMORY = 0.95;  // of the rates of the frames before
 /// Variance of a prediction of an oscillation by three attitudes, over that of one of them.
 constexpr double PREDICTED = 6.0;
 constexpr double FADES = 0.98;  // from frame to frame, a variance that the last do not show
-/// What stamps of frames that are stamped on arrival err by, on a machine that is not loaded.
+/// The timestamp errors of frames that are stamped on arrival, on a machine that is not loaded.
 constexpr double DOUBT_S = limit(STAMP_ERRORS, "first_s");
 constexpr int DOUBT_FRAMES = STAMP_ERRORS.frames;
 /// Mean size of a product of two times in a row, over the variance of one frame:
@@ -78,7 +78,7 @@ WhiteVariance white_variance(const double *times_s, const double *variances_s2) 
 }
 
 /// Return s^2 out of the mean product of successive times, 0 where it is not significant. expected is
-/// whether the stamps have erred so far.
+/// whether there were timestamp errors so far.
 double stamp_variance(const Differences &memory, bool expected) {
     const auto [seen, noise, products] = white_variance(memory.times_s, memory.variances_s2);
     if (products < limit(STAMP_ERRORS, "products")) {

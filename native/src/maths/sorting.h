@@ -29,7 +29,7 @@ inline void insert_sorted(double *ordered, int count, double value) {
 }
 
 /// Sort items so that before(a, b) holds for none b ahead of a; those that are equal keep their
-/// order. work has room for as many. By merging: also where before() is no order, as with NaN,
+/// order. work has room for as many. By merging: also where before() is not an order, as with NaN,
 /// nothing is read or written beyond the items.
 template <class T, class Before>
 void sort(T *items, int count, T *work, Before before) {

@@ -332,7 +332,7 @@ AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Centroid
     made.scaled = scaled_error;
     made.delay_s = made.rolling ? delay_s : nullptr;
     Covariance2 common;
-    made.has_common = common_error(frame.centroid, frame.count, common);
+    made.has_common = correlated_error(frame.centroid, frame.count, common);
     if (made.has_common) {
         made.common = pointing_covariance(lens_, common, &state_.rate_rad_s);
     }
@@ -576,7 +576,7 @@ void AttitudeModel::follow_tracks(const Correction &correction, const Measured &
 /// Add what a motion that begins within the frame may have done, or what else it may be.
 ///
 /// Stars whose flux jumps within the exposure are not seen at its mean, and rows of a rolling shutter
-/// are exposed before and after. A frame whose stamp errs looks like a jump as well.
+/// are exposed before and after. A timestamp error looks like a jump as well.
 void AttitudeModel::doubt_jump(const AttitudeState &before, const Hypothesis &hypothesis,
                                const CentroidFrame &frame) {
     if (hypothesis.motion == nullptr) {

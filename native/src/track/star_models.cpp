@@ -409,7 +409,7 @@ void update_stars(int64_t stamp_ns, const st_centroid *centroids, int count,
     }
     updated.fit.attitude.covariance =
         updated.fit.attitude.covariance +
-        pointing_covariance(model.lens, common_error(centroids, count), nullptr);
+        pointing_covariance(model.lens, correlated_error(centroids, count), nullptr);
 }
 
 }  // namespace st

@@ -496,7 +496,7 @@ void TrackFilter::end_good_frame(int64_t stamp_ns, const FrameUpdate &update, Ar
 
 /// Drop missed stars, and enter LOST after max_bad_frames.
 void TrackFilter::end_bad_frame(const CentroidFrame &frame) {
-    // A sparse frame is no evidence against the tracks.
+    // A sparse frame is not evidence against the tracks.
     const bool sparse = is_sparse(frame);
     bad_frames_ += sparse ? 0 : 1;
     keep_tracks(nullptr, sparse);

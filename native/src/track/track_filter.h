@@ -96,10 +96,10 @@ public:
     void publish(List<st_star_track> &tracks) const;
 
     /// state and reason describe the last transition; contradiction is why the stars of the newest
-    /// frame are no attitude although some agree; frames_since_fix counts the frames since the last
-    /// good one, stars_matched its inliers, residual_px is their rms; late_frames counts those that
-    /// were not newer, rejected_centroids those without a finite position or a positive sigma,
-    /// checks_passed the identifications that agreed with the tracks.
+    /// frame are not an attitude although some agree; frames_since_fix counts the frames since the
+    /// last good one, stars_matched its inliers, residual_px is their rms; late_frames counts
+    /// those that were not newer, rejected_centroids those without a finite position or a positive
+    /// sigma, checks_passed the identifications that agreed with the tracks.
     st_state state = ST_LOST;
     st_reason reason{}, contradiction{};
     double residual_px = NAN;

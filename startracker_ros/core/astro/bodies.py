@@ -114,7 +114,7 @@ def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> Bodi
 
 
 def bodies_at(stamp_ns: int, position_m: np.ndarray | None = None) -> BodiesInSky | None:
-    """Return bodies_from_earth() within 5 s of a stamp, None for one that is no date."""
+    """Return bodies_from_earth() within 5 s of a stamp, None for one that is not a date."""
     place = None if position_m is None else tuple(position_m.tolist())
     return _bodies_in_step(stamp_ns // STEP_NS, place)
 

@@ -29,7 +29,7 @@ def tracked_frame(camera: Camera, onboard: OnboardCatalog, stamp_ns: int, centro
 
     Tracks are filtered with the camera in use, so their pixels would hide its errors: the
     centroids are used, each with the catalogue star of its track, at the time of the stamp.
-    Blended stars are left out. CalibrationError for a frame that is none of this camera.
+    Blended stars are left out. CalibrationError for a frame that is not one of this camera.
     """
     shown = np.isfinite(tracks.uv).all(axis=1) & (tracks.hip > 0) & (tracks.missed == 0)
     seen = np.flatnonzero(shown)

@@ -57,7 +57,7 @@ class AttitudeFusion:
 
     mounts by name are those of the file; the first is the reference, whose mount defines the
     body. heads are by name, mounts what is estimated of theirs; steps are the steps of mounts that
-    were found, to be taken out by the caller. ValueError as of NativeFusion.
+    were found, to be subtracted by the caller. ValueError as of NativeFusion.
     """
 
     def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions = FusionOptions(),

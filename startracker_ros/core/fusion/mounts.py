@@ -113,7 +113,7 @@ def load_mounts(path: str | Path, heads: tuple[str, ...]) -> dict[str, Mount]:
 def _mount(head: str, entry: object) -> Mount:
     """Return the mount of one head of the document."""
     if not isinstance(entry, dict):
-        raise MountError(f'{head} is no mapping with a quaternion')
+        raise MountError(f'{head} is not a mapping with a quaternion')
     quaternion = _numbers(head, entry, 'quaternion', (4,))
     if quaternion is None:
         raise MountError(f'{head} has no quaternion')
@@ -128,7 +128,7 @@ def _mount(head: str, entry: object) -> Mount:
     for name, matrix in (('covariance_arcsec2', covariance),
                          ('law_covariance_arcsec2', law_covariance)):
         if matrix is not None and not _is_covariance(matrix):
-            raise MountError(f'{name} of {head} is no covariance')
+            raise MountError(f'{name} of {head} is not a covariance')
     return Mount(quaternion / norm, None if covariance is None else covariance * ARCSEC ** 2,
                  0.0 if offset is None else float(offset),
                  None if law is None else law * ARCSEC,

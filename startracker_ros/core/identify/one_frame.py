@@ -28,11 +28,11 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float | dateti
     """
     Return which catalogue star each centroid is, and the attitude of the sensor in ICRF.
 
-    camera is known to fov_error_percent. method is a name, or a class of one's own as
+    camera is known to fov_error_percent. method is a name, or a custom class as
     CandidateIdentifier. aberration is that of the Earth's velocity at the Julian
     year, or 'none' for a sky without. options are those of star_identifier, as they are in
     IdentificationOptions. The database of a camera is built by the first call and kept. ValueError
-    for a wrong option, for what are no Centroids, and for a method of one's own with rows that the
+    for a wrong option, for other types than Centroids, and for a custom method with rows that the
     catalogue does not have; CameraError for a field that the method cannot handle.
     """
     of_type('centroids', centroids, Centroids, MADE_BY)

@@ -210,7 +210,7 @@ MOTION_ENDS = Check(
 JUMP_IN_FRAME = Check(
     'JUMP_IN_FRAME',
     'probability of a motion that begins within the frame, times the share of the interval that '
-    'is exposed; that the stamp errs, at least', 'wider covariance',
+    'is exposed; the timestamp error, at least', 'wider covariance',
     '`error_budget.motion_arcsec`')
 DISPLACED = Check(
     'DISPLACED', 'rate in the frames after a jump is within the threshold from that before it',
@@ -219,7 +219,7 @@ STAMP_ERRORS = Check(
     'STAMP_ERRORS',
     'variance of the stamps by turns along the rate that change sign, over that by the centroids, '
     'by so many products: `many` plus `few` over their number, `expected` in place of `many` '
-    'where stamps have erred, and `shaken` times the variance across the rate; in the first '
+    'where stamps had errors, and `shaken` times the variance across the rate; in the first '
     'frames up to `first_s` whatever they do not exclude', 'wider covariance',
     '`error_budget.stamps_arcsec`, `stamp_sigma_ms`')
 LENS_ERROR = Check(
@@ -252,9 +252,9 @@ SECOND_IMAGE = Check(
     'have them: a torn frame or a second image')
 MISSING_STARS = Check(
     'MISSING_STARS',
-    'share of the stars that should be seen and are not, and centroids that are no star for each '
+    'share of the stars that should be seen and are not, and centroids without a star for each '
     'of these', 'no attitude', 'only {seen} of {stars} stars that should be seen are, and {free} '
-    'centroids are no star')
+    'centroids are not stars')
 
 # --- what is published ---
 FEW_STARS = Check(

@@ -69,8 +69,8 @@ class ExtractionStage:
 
         Without lost, that there is no prediction does not mean that no star tracker tracks. Where
         each pixel of the image is cell x cell pixels of the camera, predictions and positions are
-        in those of the camera, widths in those of the image. An image of another camera begins
-        anew.
+        in those of the camera, widths in those of the image. An image of another camera resets
+        the extractor.
         """
         check_image(image)
         if self.images is None or not self.images.is_of(image, cell):

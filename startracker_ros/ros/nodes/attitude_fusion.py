@@ -51,7 +51,7 @@ class AttitudeFusionNode(PipelineNode):
         options: HeadsOptions = self.options(HeadsOptions)
         self._q_body_from_imu = np.array(options.imu_quaternion)
         if abs(np.linalg.norm(self._q_body_from_imu) - 1) > 1e-3:
-            raise StartError(f'imu_quaternion = {list(options.imu_quaternion)} is no rotation')
+            raise StartError(f'imu_quaternion = {list(options.imu_quaternion)} is not a rotation')
         self._fusion = None
         if not options.mounts_file and len(options.heads) > 1:
             return
@@ -80,7 +80,7 @@ class AttitudeFusionNode(PipelineNode):
     def _on_temperature(self, name: str, message: Temperature) -> None:
         if self._fusion is not None and not self._fusion.heads[name].set_temperature(
                 message.temperature):
-            raise MessageError(f'{message.temperature:g} degC is no temperature of a head: '
+            raise MessageError(f'{message.temperature:g} degC is not a temperature of a head: '
                                'degrees Celsius, not kelvin')
 
     def _on_imu(self, message: Imu) -> None:

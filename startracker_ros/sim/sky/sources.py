@@ -44,7 +44,7 @@ class SceneStars:
 
 
 def false_stars(uv: np.ndarray, magnitude: np.ndarray) -> SceneStars:
-    """Return sources at uv (N, 2) px of V magnitude (N,) that are no catalogue stars."""
+    """Return sources at uv (N, 2) px of V magnitude (N,) that are not catalogue stars."""
     return SceneStars(np.zeros(len(uv), np.int32), uv, magnitude)
 
 

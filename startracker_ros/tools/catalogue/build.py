@@ -181,7 +181,7 @@ def _checked(path: Path, piece: Stars, epoch_year: float | None, faintest: float
         raise CatalogueError(f'{path}: no column of the epoch: give --epoch, 2016 for Gaia DR3')
     year = kept['epoch']
     if not ((year > 1800) & (year < 2200)).all():
-        raise CatalogueError(f'{path}: epochs that are no years from 1800 to 2200: give --epoch')
+        raise CatalogueError(f'{path}: epochs that are not years from 1800 to 2200: give --epoch')
     return kept, year
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument('topics', nargs=-1, metavar='[TOPIC]...')
 @click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              help='Folder of the bag, made anew.  [default: startracker_<date>_<time>]')
+              help='New folder of the bag.  [default: startracker_<date>_<time>]')
 @click.option('--exclude', multiple=True, metavar='PATTERN',
               help='Topics left out.  [default: */image_annotated, */transition_event]')
 @click.option('--compression', type=click.Choice(['none', 'lz4', 'zstd']), default='zstd',

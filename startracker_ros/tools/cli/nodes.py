@@ -150,7 +150,7 @@ def live(camera_file: Path | None, fov_deg: float | None, record: bool, host: st
 @json_option
 def doctor(camera_file: Path | None, listen_s: float | None, namespace: str, as_json: bool
            ) -> None:
-    """Look at install, DDS, caches, disk and camera; say what to mend."""
+    """Look at install, DDS, caches, disk and camera; say what to fix."""
     from startracker_ros.tools.doctor.examination import examine
     finish(examine(camera_file=camera_file, listen_s=listen_s or 0.0, namespace=namespace),
            as_json)

@@ -50,10 +50,10 @@ class _Frames(click.ParamType):
         try:
             chosen = slice(*(int(part) if part else None for part in value.split(':')))
         except (TypeError, ValueError):
-            self.fail(f'{value!r} is no FIRST:END:STEP')
+            self.fail(f'{value!r} is not a FIRST:END:STEP')
         least = min(chosen.start or 0, chosen.stop or 0)
         if ':' not in value or least < 0 or chosen.step is not None and chosen.step < 1:
-            self.fail(f'{value!r} is no FIRST:END:STEP that counts from 0 upwards')
+            self.fail(f'{value!r} is not a FIRST:END:STEP that counts from 0 upwards')
         return chosen
 
 
@@ -134,7 +134,7 @@ Examples:
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
-              help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
+              help='Largest error of the field of view.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
 @click.option('--catalogue', type=InputPath(file_okay=False),
               help='Folder that `startracker catalogue` has written: images of '
@@ -213,7 +213,7 @@ class _Column(click.ParamType):
         from startracker_ros.io.star_tables import ROLES
         role, mark, name = str(value).partition('=')
         if role not in ROLES or not mark or not name:
-            self.fail(f'{value!r} is no ROLE=NAME with one of the roles {", ".join(ROLES)}')
+            self.fail(f'{value!r} is not a ROLE=NAME with one of the roles {", ".join(ROLES)}')
         return role, name
 
 

@@ -22,7 +22,7 @@ from startracker_ros.ros.executables import EXECUTABLES
 @dataclass(frozen=True)
 class Check:
     """
-    What was looked at, what was found, whether that will do, and what to mend.
+    What was looked at, what was found, whether that will do, and how to fix it.
 
     A check that holds may still carry advice in `mend`.
     """

@@ -32,7 +32,7 @@ def goal_text(goal: str, met: bool) -> str:
 
 @dataclass(frozen=True)
 class Bounded:
-    """A figure of ours; its bound may be given as limits, which are no columns."""
+    """A figure of ours; its bound may be given as limits, which are not columns."""
 
     case: str
     ours: float

@@ -155,7 +155,7 @@ class LiveRig(Rig):
         try:
             self.attitude, self.covariance = attitude_from_pose(message, message.header.frame_id)
         except MessageError as error:
-            # From another node: the estimator publishes none that is no attitude.
+            # From another node: the estimator publishes none that is not an attitude.
             self.probe.get_logger().warning(f'attitude_cov: {error}', throttle_duration_sec=10.0)
             return
         self._keep('attitude', message.header.stamp, self.attitude)

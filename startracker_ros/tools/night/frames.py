@@ -71,7 +71,7 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
     images = iter(images)
     first = [*islice(images, 2)]
     if len(first) < 2:
-        raise NightError(f'{len(first)} images are no night')
+        raise NightError(f'{len(first)} images are not a night')
     if no_date := why_no_date(first[0].stamp_ns):
         raise NightError(no_date)
     year = epoch_year_from_stamp(first[0].stamp_ns)

@@ -86,8 +86,8 @@ NOW_S = 1_790_000_000
     (100, 'stamps of 1970: the driver stamps since boot'), (9e7, 'since boot'),
     (NOW_S - 946_728_000 - 64, 'seconds since 2000'), (NOW_S - 315_964_800 + 18, 'GPS time'),
     (NOW_S + 378_691_200 + 37, 'TAI of seconds since 1958'),
-    (946_684_799, 'stamps of 1999 are no UTC'), (-1e6, 'stamps of 1969 are no UTC'),
-    (4.15e9, 'stamps of 2101 are no UTC')])
+    (946_684_799, 'stamps of 1999 are not UTC'), (-1e6, 'stamps of 1969 are not UTC'),
+    (4.15e9, 'stamps of 2101 are not UTC')])
 def test_the_date_of_another_clock_is_unknown(stamp_s, words):
     """Of GPS time and TAI it is recognised by the time at which the message comes."""
     stamp_ns = round(stamp_s * 1e9)

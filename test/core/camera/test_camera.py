@@ -79,7 +79,7 @@ def test_bad_files_are_refused_by_name(tmp_path, text, words):
     assert str(path) in str(caught.value)
     save_camera(LENS, path)
     path.write_text(path.read_text().replace('plumb_bob', 'fisheye'))
-    with pytest.raises(CameraError, match="'fisheye' is none of plumb_bob"):
+    with pytest.raises(CameraError, match="'fisheye' is not one of plumb_bob"):
         load_camera(path)
     with pytest.raises(CameraError, match='No such file'):
         load_camera(tmp_path / 'absent.yaml')

@@ -228,7 +228,7 @@ def test_a_lost_device_is_opened_again(monkeypatch):
     assert not thread.running and script.closed == 4
 
 
-def test_a_loss_is_reported_until_it_is_mended(monkeypatch):
+def test_a_loss_is_reported_until_it_is_fixed(monkeypatch):
     script = Script(1, CaptureError('device it: not there'))
     thread = CaptureThread(CaptureOptions(), lambda: None, script)
     monkeypatch.setattr('startracker_ros.io.images.capture._FIRST_WAIT_S', 30.0)

@@ -56,7 +56,7 @@ def test_a_dark_frame_and_a_list_of_its_pixels_are_the_same(image, tmp_path):
 
 
 @pytest.mark.parametrize('content, words', [
-    ('', 'no pixels in it'), ('3,4\n5;6\n', "line 2: '5;6' is no u,v of a pixel"),
+    ('', 'no pixels in it'), ('3,4\n5;6\n', "line 2: '5;6' is not a u,v of a pixel"),
     ('3 4 5', 'line 1'), ('9999, 4', '9999,4 is not in the image of 1024 x 768 px'),
     ('-1, 4', '-1,4 is not in the image')])
 def test_wrong_lists_are_named(image, tmp_path, content, words):

@@ -115,7 +115,7 @@ def test_of_three_the_two_that_agree_count():
         results = heads.run(20, errors={wrong: np.radians([0.6, 0.8, 0.0])})
         assert heads.state(wrong) is HeadState.EXCLUDED
         assert '1 deg from' in heads.fusion.heads[NAMES[wrong]].reason
-        # The mounts of the others may be off by their own sigma, and are not here.
+        # The mounts of the others are uncertain by their sigma, and are not here.
         assert heads.error_arcsec([result for result in results if result][-1]) < 0.1
 
 
@@ -502,7 +502,7 @@ def test_a_covariance_that_is_none_is_given_up():
         result, = heads.run(1, heads=[0])
         assert result is None and heads.fusion.trouble.startswith(
             'the covariance of the filter is not positive definite, its diagonal is [')
-        # And begins anew, without what was estimated with it.
+        # And restarts, without what was estimated with it.
         heads.covariance = COVARIANCE
         last = heads.run(3)[-1]
         assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''

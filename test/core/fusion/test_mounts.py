@@ -132,13 +132,13 @@ def test_heads_on_bent_mounts_agree_on_the_attitude_of_the_body():
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('heads: [', 'no YAML'), ('a: 1', 'no heads:'), ('heads: {b: {}}', 'no mount of a; it has b'),
-    ('heads: {a: 3}', 'a is no mapping'), ('heads: {a: {}}', 'a has no quaternion'),
+    ('heads: {a: 3}', 'a is not a mapping'), ('heads: {a: {}}', 'a has no quaternion'),
     ('heads: {a: {quaternion: [0, 0, 0]}}', 'quaternion of a must be 4 finite numbers'),
     ('heads: {a: {quaternion: [0, 0, 0, .nan]}}', '4 finite numbers'),
     ('heads: {a: {quaternion: [0, 0, 1, 1]}}', 'norm 1.4142'),
     ('heads: {a: {quaternion: [0, 0, 0, 1], time_offset_s: x}}', 'time_offset_s of a'),
     ('heads: {a: {quaternion: [0, 0, 0, 1], covariance_arcsec2: [-1, 0, 0, 0, 1, 0, 0, 0, 1]}}',
-     'covariance_arcsec2 of a is no covariance')])
+     'covariance_arcsec2 of a is not a covariance')])
 def test_a_wrong_file_is_named(tmp_path, text, words):
     path = tmp_path / 'mounts.yaml'
     path.write_text(text)

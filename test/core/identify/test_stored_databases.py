@@ -152,7 +152,7 @@ def test_other_content_has_another_format(own_cache):
 
 
 def limit(monkeypatch, databases):
-    """Leave room for databases of so many bytes."""
+    """Limit the cache to databases of so many bytes."""
     monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (databases + 1)))
 
 
@@ -185,7 +185,7 @@ def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
     limit(monkeypatch, 8.1 * 8000)
     built = [subprocess.run([sys.executable, '-c', SEARCH], capture_output=True, text=True,
                             check=True, timeout=HANGS_S).stdout for _ in range(3)]
-    # One of the last that it needs is built anew.
+    # One of the last that it needs is built again.
     assert built == ['abcdef', 'e', 'e']
     assert 8 * 8000 < sum(file.stat().st_size for file in cache_folder().iterdir()) < 8.1 * 8000
 

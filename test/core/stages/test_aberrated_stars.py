@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Lenses whose stars are no points: other shapes in each part of the image, or one for all."""
+"""Lenses whose stars are not points: other shapes in each part of the image, or one for all."""
 
 import numpy as np
 import pytest

@@ -98,7 +98,7 @@ def test_a_new_target_is_found_within_two_seconds():
     windowed, errors = np.array([scene.step() for _ in range(42)]).T
     first = int(np.flatnonzero(np.isfinite(errors))[0])
     assert 21 + 4 <= first <= 21 + 10 + 6
-    # Without a spot that is no star, one image a second is enough.
+    # Without a spot that is not a star, one image a second is enough.
     assert windowed[5:20].sum() >= 13
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Stamps that err by a random time: the covariance contains the turn in that time."""
+"""Random timestamp errors: the covariance contains the turn in that time."""
 
 from chi_square import check_mean
 import numpy as np

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Moving objects linked among false centroids; stars, hot pixels and hits are none."""
+"""Moving objects linked among false centroids; not stars, hot pixels and hits."""
 
 import numpy as np
 from skies import CAMERA

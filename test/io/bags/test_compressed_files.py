@@ -81,7 +81,7 @@ def test_bytes_that_are_no_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: 
     with pytest.raises(BagError, match='cannot unpack .*run_0'):
         numbers(packed, tolerant=tolerant)
     file.write_bytes(zstandard.compress(b'something else'))
-    with pytest.raises(BagError, match="is no MCAP file: it starts with b'somethin'"):
+    with pytest.raises(BagError, match="is not an MCAP file: it starts with b'somethin'"):
         numbers(packed, tolerant=tolerant)
 
 

@@ -79,7 +79,7 @@ def test_an_untrusted_attitude_is_no_rotation():
     assert not valid
     assert not quaternion.any()
     for wrong in (np.zeros(4), np.full(4, np.nan), np.array([0, 0, 0, 2.0])):
-        with pytest.raises(TelemetryError, match='is no rotation'):
+        with pytest.raises(TelemetryError, match='is not a rotation'):
             FrameReport(0, wrong)
 
 

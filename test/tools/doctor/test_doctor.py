@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Each check tells a sound machine from one to mend, and says how."""
+"""Each check tells a sound machine from one to fix, and says how."""
 
 from dataclasses import replace
 import json
@@ -180,7 +180,7 @@ def heard_images(**changes):
 @pytest.mark.parametrize('changes, trouble', [
     ({}, ''),
     ({'count': 0}, ''),
-    ({'encoding': '32FC1', 'error': "image encoding '32FC1' is none of mono8"}, ': encoding'),
+    ({'encoding': '32FC1', 'error': "image encoding '32FC1' is not one of mono8"}, ': encoding'),
     ({'width': 512}, ': size'),
     ({'frame_id': 'camera'}, ': frame_id'),
     ({'best_effort': True}, ': reliability'),

@@ -291,7 +291,7 @@ def test_a_slew_over_the_sky_is_drawn_on_a_map_of_all_of_it(page: Page, tmp_path
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return a message cut off, with other bytes, or with numbers that are none."""
+    """Return a message cut off, with other bytes, or with invalid numbers."""
     changed, kind = bytearray(data), rng.integers(0, 8)
     if kind == 0:
         return data[:rng.integers(0, len(data) + 1)]

@@ -116,7 +116,7 @@ def settings(value: Any, kind: Any) -> Any:
             return kind(**{name: settings(each, kinds[name]) for name, each in named.items()})
     elif kind is float and type(value) in (int, float) or type(value) is kind:
         return value
-    raise ValueError(f'{value!r} is no {kind}')
+    raise ValueError(f'{value!r} is not {kind}')
 
 
 def holds(whole: Any, part: Any) -> bool:
