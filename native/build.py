@@ -135,7 +135,7 @@ def _identified(command: Sequence[str]) -> Compiler:
     machine = (command[command.index('-target') + 1] if '-target' in command
                else _run([*command, '-dumpmachine']).stdout)
     if done.returncode != 0 or not machine:
-        raise BuildError(f'{shlex.join(command)} is no compiler for C++: '
+        raise BuildError(f'{shlex.join(command)} is not a compiler for C++: '
                          f'{_first_error(done.stdout + done.stderr)}')
     march, mcpu = _PROCESSOR.get(machine.partition('-')[0], ((), ()))
     kind = 'zig' if of_zig else 'clang++' if 'clang' in text else 'g++'

@@ -10,7 +10,7 @@ import startracker_ros as st
 
 
 class BrightTriangles(st.CandidateIdentifier):
-    """Yields candidates; that a field has verified one before it counts is not its concern."""
+    """Yields candidates; the field verifies them."""
 
     def candidates(self, field):
         sky = self.onboard.direction

@@ -261,7 +261,7 @@ def test_xisf_is_read_as_fits_is(tmp_path, compression):
     (lambda content: content.replace(b'UInt16', b'Cplx16'), 'pixels of type Cplx16'),
     (lambda content: content.replace(b'geometry="', b'geometry="9'), 'a.xisf'),
     (lambda content: content.replace(b'<?xml version="1.0"?>', b'<!DOCTYPE a [<!ENTITY b "c">]>'
-                                     ), 'no XISF header')])
+                                     ), 'not an XISF header')])
 def test_xisf_that_is_no_image_is_named(tmp_path, change, words):
     (tmp_path / 'a.xisf').write_bytes(change(xisf(SKY.astype('<u2'), 'zlib')))
     with pytest.raises(ImageError, match=words):
