@@ -195,7 +195,7 @@ def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
 def test_the_size_of_the_cache_is_that_of_the_environment(monkeypatch, caplog, text, megabytes):
     monkeypatch.setenv(folders.CACHE_VARIABLE, text)
     assert folders.most_cache_bytes() == 1e6 * megabytes
-    assert ('no size in MB' in caplog.text) == (text in ('much', '-1'))
+    assert ('not a size in MB' in caplog.text) == (text in ('much', '-1'))
 
 
 def test_prepared_arrays_are_bounded(own_cache, monkeypatch):
