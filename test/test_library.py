@@ -143,7 +143,7 @@ EPOCHS = {
     2461200.5: 'as a Julian date it is 2026.44',
     61200.0: 'as a modified Julian date it is 2026.44',
     20190729: "as a date it is the text '2019-07-29'", 3e5: 'as 2026.5 is$', -5.0: 'as 2026.5 is$',
-    float('nan'): 'no Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
+    float('nan'): 'not a Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
 
 
 @pytest.mark.parametrize('epoch', EPOCHS)

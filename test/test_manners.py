@@ -169,7 +169,7 @@ def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
     (folder / 'in' / 'notes.png').write_text('notes, 42')
     line = [str(file) if word == 'FILE' else word for word in line]
     done = startracker(*line)
-    # Nothing of OpenCV or another library beside it.
+    # Nothing of OpenCV or another library in addition to it.
     assert capfd.readouterr().err == ''
     if kind == 'missing':
         assert done.exit_code == 1 and done.stdout == ''
@@ -475,7 +475,7 @@ def test_without_colours_there_are_none(monkeypatch):
 
 
 @pytest.mark.parametrize('line, words', [
-    (['solve', IMAGES[0], '--epoch', '20190729'], 'no Julian year'),
+    (['solve', IMAGES[0], '--epoch', '20190729'], 'not a Julian year'),
     (['solve', IMAGES[0], '--fov-deg', '0.001'], 'in less than 0.3 deg'),
     (['export', BAG, '--namespace', 'foo'], "no topic in the namespace 'foo'; it has /attitude"),
     (['record', '-o', '.'], 'not empty')])

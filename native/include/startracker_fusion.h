@@ -64,7 +64,7 @@ typedef struct {
 
 /* ---- results ------------------------------------------------------------------------------- */
 
-/* Reasons, beside those of startracker.h. Heads are numbers from 0. */
+/* Reasons, in addition to those of startracker.h. Heads are numbers from 0. */
 typedef enum {
     /* there is no attitude */
     ST_FUSION_WAITING = 700, /* for frames */
@@ -83,7 +83,7 @@ typedef enum {
     ST_HEAD_UNCHECKED,     /* no other head or prediction to check it */
     ST_HEAD_RETURNS,       /* is checked after a time without frames */
     ST_HEAD_DIFFERS,       /* deg from what other heads and the motion give */
-    /* a gyro that is not used, beside ST_REASON_GYRO_AT_RANGE */
+    /* a gyro that is not used, in addition to ST_REASON_GYRO_AT_RANGE */
     ST_FUSION_GYRO_BEHIND = 740, /* s behind the heads */
     ST_FUSION_GYRO_TURNS,        /* rate of the gyro rad/s x y z; head that does not turn so */
     ST_FUSION_GYRO_RATE,         /* rate of the gyro rad/s x y z, of the heads x y z */

@@ -31,7 +31,7 @@ FRAMES = 50
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    """Run the demo for five seconds of sky time, beside another one."""
+    """Run the demo for five seconds of sky time, while another one runs."""
     output = tmp_path_factory.mktemp('demo') / 'demo'
     # What the first demo does; where this fails, somebody else has done so.
     claim_domain(0)

@@ -54,7 +54,7 @@ def test_every_cut_and_every_changed_byte_is_named():
 
 
 @pytest.mark.parametrize('data, reason', [
-    (b'', 'no PNG'),
+    (b'', 'not a PNG'),
     (cv2.imencode('.jpg', image_of(np.uint8))[1].tobytes(), 'compressed.format of the camera'),
     (png(image_of(np.uint8, (8, 8, 3))), 'not grey'),
     (png(np.zeros((2 ** 13, 2 ** 13 + 1), np.uint8)), 'above 67108864 px')])

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Identification by Hausdorff distance beside the published figures.
+Identification by Hausdorff distance compared with the published figures.
 
 Zahednamazi, Toloei, Ghasemi 2023: 200 directions at each of four magnitude limits.
 """
@@ -41,7 +41,7 @@ _PYRAMID_CORRECT = 95.8
 _PART_TRIALS = 50
 # Fewer directions show nothing against the paper's steps of half a percent.
 _LEAST_TRIALS = 200
-# Limits of figures 10 and 11 beside those of the tables.
+# Limits of figures 10 and 11 and those of the tables.
 _FAINTLESS = 4.0, 4.5
 _SLOW_FRAMES = 20
 

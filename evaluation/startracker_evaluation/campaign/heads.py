@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Several heads fused: accuracy beside its bounds, consistency, mounts, faults."""
+"""Several heads fused: accuracy compared with its bounds, consistency, mounts, faults."""
 
 from collections.abc import Callable, Sequence
 import time

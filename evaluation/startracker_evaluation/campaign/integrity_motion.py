@@ -44,7 +44,7 @@ LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
 @dataclass(frozen=True)
 class MotionCondition:
     """
-    A motion beside a steady turn, of frames step_s apart and exposed for exposure_s.
+    A motion other than a steady turn, of frames step_s apart and exposed for exposure_s.
 
     kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
     exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Quad identification along an orbit and over the whole sky, beside the published figures.
+Quad identification along an orbit and over the whole sky, compared with the published figures.
 
 Yuan, Zhang, Shi 2017: 300 consecutive simulated images, in initial and in tracking mode.
 """
@@ -320,7 +320,7 @@ def _is_right(quaternion: np.ndarray, known: dict[str, str]) -> bool:
 def real_rows(case: str, rich: bool, times_ms: np.ndarray, solved: np.ndarray, right: np.ndarray
               ) -> Iterator[PaperRow]:
     """
-    Yield the rows of real_frames(), both modes beside the paper's downlinked images.
+    Yield the rows of real_frames(), both modes compared with the paper's downlinked images.
 
     Where they are not rich, with fewer stars than those of the paper, its method is not bound.
     """

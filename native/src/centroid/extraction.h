@@ -12,8 +12,9 @@
 // 4. Streaks (streak_search.h) instead, if the stars moved during the exposure: by a known streak,
 //    or by the one on which the spots agree.
 // 5. Points after wider filters, if many spots are not stars: a narrow one cuts defocused rings.
-// 6. Spots of any shape (spots.h) beside the points, if these are still not most of the bright
-//    spots: no point, streak or disc describes an aberrated or clipped star, but its flux is there.
+// 6. Spots of any shape (spots.h) in addition to the points, if these are still not most of the
+//    bright spots: no point, streak or disc describes an aberrated or clipped star, but its flux is
+//    there.
 //
 // Once an image was searched, search_near() measures stars at known positions only.
 

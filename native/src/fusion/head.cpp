@@ -41,7 +41,7 @@ Vector<MOST_TERMS> basis(int64_t stamp_ns, double temperature_k, double period_s
 }
 
 /// Fill the terms of the law of a mount, and return how many there are. A law of the file counts,
-/// whatever may be estimated beside it.
+/// whatever may be estimated in addition to it.
 int terms_of(int index, const st_mount &mount, const st_mount_options &options, int *terms) {
     if (index == 0) {
         return 0;

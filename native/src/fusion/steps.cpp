@@ -79,8 +79,8 @@ struct AxisStep {
     double size, square;
 };
 
-/// Fit a step from a row on beside the smooth columns: with the step s, the weights w and the
-/// projection P on the basis, size is s_p^T w d / s_p^T s_p, s_p = (1 - P) w s.
+/// Fit a step from a row on together with the smooth columns: with the step s, the weights w and
+/// the projection P on the basis, size is s_p^T w d / s_p^T s_p, s_p = (1 - P) w s.
 AxisStep fit_step(const Basis &basis, const double *weight, const double *weighted, int rows,
                   int from) {
     double s[MOST_BLOCKS];

@@ -230,7 +230,7 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
     collect(sky, equidistant, stars, found, matched);
     found.R = triad(matched, 0, farthest(matched));
     // First the scale of the base alone: where that is off, so is the attitude. What one step leaves
-    // is little beside the radius, and more steps follow.
+    // is small compared with the radius, and more steps follow.
     double fitted = fit(sky, equidistant, stars, scale_error, 1, matched, found, work);
     for (int attempt = 1; attempt < MOST_ATTEMPTS; ++attempt) {
         std::memcpy(before, found.star, capacity * sizeof(int32_t));

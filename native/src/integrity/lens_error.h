@@ -12,8 +12,8 @@
 // Part of what stays may be a scale: a wrong focal length, or the tails of coma, which all point away
 // from the axis. Such errors do not average out over stars whose mean position is not the axis. The
 // scale k, r = k d for residuals r at d from the axis, is fitted to all frames, and the next ones are
-// predicted with it: the focal length is 1 + k times as long. The errors that stay are those beside
-// it.
+// predicted with it: the focal length is 1 + k times as long. The errors that stay are those in
+// addition to it.
 
 #pragma once
 
@@ -33,9 +33,10 @@ struct RememberedStar {
     double variance_px2;
 };
 
-/// What is known of the lens. value_px is the error that stays, its sigma per axis, beside that of
-/// scale, the relative error of the distance of stars from the axis; both are zero where they are not
-/// significant. scale_sigma is the error of the scale, zero without any. All zero at the start.
+/// What is known of the lens. value_px is the error that stays, its sigma per axis, in addition
+/// to that of scale, the relative error of the distance of stars from the axis; both are zero
+/// where they are not significant. scale_sigma is the error of the scale, zero without any. All
+/// zero at the start.
 struct LensError {
     double value_px, scale, scale_sigma;
 

@@ -104,7 +104,8 @@ double median(T *values, int count) {
     return (static_cast<double>(ranked(values, count, count / 2 - 1)) + upper) / 2;
 }
 
-/// Return a quantile of count > 0 values, linear between those beside it; they change their order.
+/// Return a quantile of count > 0 values, linear between those next to it; they change their
+/// order.
 inline double quantile(double *values, int count, double share) {
     const double place = share * (count - 1);
     const int below = static_cast<int>(place);

@@ -169,7 +169,7 @@ private:
 
     Motion motion_{}, next_{}, predicted_[2]{};
     AttitudeState state_{};
-    Matrix<6, 6> covariance_{};  // of turn and rate, with what may be wrong beside the filter
+    Matrix<6, 6> covariance_{};  // of turn and rate, with errors outside the filter
     bool uses_gyro_ = false, has_measured_ = false;
     Quaternion measured_quaternion_{};
     Matrix3 measured_covariance_{}, common_{};

@@ -30,7 +30,7 @@ class Centroids:
     square of both; covariance (N, 2, 2) px^2 of uv, round if left empty; delay_s (N,) from the
     time of the frame to the middle of the exposure of the star's own row, zero if left empty;
     common (N, 2, 2) px^2, the same for all stars of an image, the covariance of an error that all
-    share, beside their own: of motion that is not uniform in the exposure; zero if left empty.
+    share, in addition to their own: of non-uniform motion in the exposure; zero if left empty.
     exposure_s are the least and the largest exposure that the image may have had.
     """
 

@@ -95,7 +95,7 @@ class TrackFilter:
         self._tracking = np.zeros((), native.TRACKING) if tracking is None else tracking
         self._hint = np.zeros((), native.HINT)
         self._tracking_at = self._tracking.ctypes.data
-        # Fields beside each other, which are read at once.
+        # Fields next to each other, which are read at once.
         self._whole = _fields(self._tracking, 'state', 'checks_passed', np.int32)
         self._figures = _fields(self._tracking, 'residual_px', 'stamp_sigma_s', np.float64)
         self.reset()

@@ -174,7 +174,7 @@ class SqliteFile:
 
 def _access(database: str) -> tuple[str, str]:
     """
-    Return parameters of the URI and the locking mode that leave no file beside a database.
+    Return parameters of the URI and the locking mode that leave no file next to a database.
 
     In WAL mode SQLite writes NAME-wal and NAME-shm there even to read it, and does not remove
     them again. It does not need them where the recorder has ended and its log is merged or can be

@@ -32,7 +32,7 @@ _GRID = 21  # pixels along each side
 _MODELS = (PLUMB_BOB, 0), (PLUMB_BOB, 1), (PLUMB_BOB, 5), (RATIONAL, 8)
 _ENOUGH_PX = 0.01  # residual at which a model with fewer terms is chosen
 # Prior standard deviations of what a narrow field does not determine: principal point (of the
-# width), distortion terms. They count little beside pixels known to _GRID_SIGMA_PX.
+# width), distortion terms. They count little compared with pixels known to _GRID_SIGMA_PX.
 _CENTRE, _TERM, _GRID_SIGMA_PX = 0.1, 1.0, 1e-3
 
 

@@ -275,7 +275,7 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
               help='Lens without --camera; equidistant for fisheyes, of any projection.')
 @click.option('--free', 'terms', multiple=True,
               type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3', 'k4']),
-              help='Estimate just these beside the focal length.  [default: the data decide]')
+              help='Estimate the focal length and just these.  [default: the data decide]')
 @json_option
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],

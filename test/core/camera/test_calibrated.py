@@ -108,7 +108,7 @@ def test_binning_and_roi_are_applied_as_image_geometry_does(lens):
     ({'roi': Roi(1000, 0, 100, 100)}, r'roi of 100 x 100 px at \(1000, 0\) is not in the image'),
     ({'roi': Roi(16, 0, 0, 0)}, 'roi of 0 x 0 px'),
     ({'binning_x': 2000}, 'binning of 2000 x 1 px'),
-    # A matrix of the binned image beside the size of the whole one: avt_vimba_camera 82.
+    # A matrix of the binned image next to the size of the whole one: avt_vimba_camera 82.
     ({'width': 2064, 'height': 1544, 'binning_x': 4, 'binning_y': 4,
       'k': matrix(299.5, 300.1, 254.1, 183.9)}, 'in a corner of the image of 2064 x 1544'),
     # Identity, in shares of the width, in mm, transposed.

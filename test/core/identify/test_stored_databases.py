@@ -64,7 +64,7 @@ def made(key, size=1000):
 
 
 def copied_kb(stored):
-    """Return the memory in kB that this process has beside that of the file of arrays."""
+    """Return the memory in kB that this process has in addition to that of the file of arrays."""
     address = stored.arrays['numbers'].__array_interface__['data'][0]
     lines = iter(Path('/proc/self/smaps').read_text().splitlines())
     for line in lines:

@@ -246,7 +246,7 @@ def test_other_stars_than_those_followed_are_used_where_they_are_as_predicted():
         if shift_px is None:
             centroids = centroids.select(~mine)
         else:
-            # A second image beside: not all stars are where the others have them.
+            # A second image next to it: not all stars are where the others have them.
             centroids.uv[mine] += [0.0, shift_px]
         tracks = tracker.update(stamp_ns, centroids)
         assert (tracker.attitude is not None) == trusted

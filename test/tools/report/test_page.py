@@ -334,7 +334,7 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
     assert (tmp_path / 'report.html').read_text().startswith('<!DOCTYPE html>')
     for arguments, words in (([str(tmp_path / 'none')], 'none: No such file or directory'),
                              ([str(run), '-o', str(tmp_path / 'a' / 'b')], 'No such file'),
-                             ([__file__], 'no MCAP file')):
+                             ([__file__], 'not an MCAP file')):
         done = call(*arguments)
         assert done.exit_code == 1 and isinstance(done.exception, SystemExit)
         assert words in done.stderr

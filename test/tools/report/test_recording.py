@@ -238,7 +238,7 @@ def test_what_is_whole_of_a_cut_bag_is_read(run: Path, tmp_path: Path) -> None:
     recording = load_recording(cut)
     assert not recording.complete
     assert 'was not finished' in recording.problems[0]
-    for content, words in ((b'', 'no MCAP file'), (b'PK\3\4' + bytes(100), 'no MCAP file')):
+    for content, words in ((b'', 'not an MCAP file'), (b'PK\3\4' + bytes(100), 'not an MCAP file')):
         cut.write_bytes(content)
         with pytest.raises(BagError, match=words):
             load_recording(cut)

@@ -120,7 +120,7 @@ def settings(value: Any, kind: Any) -> Any:
 
 
 def holds(whole: Any, part: Any) -> bool:
-    """Return whether JSON holds a part of it, beside other keys."""
+    """Return whether JSON holds a part of it, in addition to other keys."""
     if isinstance(part, dict):
         return all(key in whole and holds(whole[key], value) for key, value in part.items())
     return whole == part

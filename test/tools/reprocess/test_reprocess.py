@@ -206,7 +206,7 @@ def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reproc
     assert 'two cameras' in reasons['two_cameras']
     assert 'cloud has no field' in reasons['jitter']
     assert '/camera_info: focal length (0.0' in reasons['uncalibrated']
-    assert 'no MCAP file' in reasons['zero'] and 'no MCAP file' in reasons['text']
+    assert 'not an MCAP file' in reasons['zero'] and 'not an MCAP file' in reasons['text']
     assert sum(row['frames'] for row in result.records) == 130
 
 
