@@ -459,7 +459,7 @@ def test_workers_leave_ctrl_c_to_the_command():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_a_reader_that_leaves_is_no_traceback(process):
+def test_a_reader_that_leaves_is_not_a_traceback(process):
     read, write = os.pipe()
     os.close(read)
     listing = process('simulate', '--options', stdout=write)

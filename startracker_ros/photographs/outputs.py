@@ -110,7 +110,7 @@ def caption(name: str, solution: Solution, year: float) -> list[tuple[str, Colou
                   ('blue: constellations, bright stars that are not identified', NAMED)]
     if solution.bodies:
         lines.append(('yellow circle: planet, Moon or Sun', BODY))
-    return [*lines, ('orange circle: spot that is not identified', FOUND)]
+    return [*lines, ('orange circle: detection that is not identified', FOUND)]
 
 
 def captioned(picture: np.ndarray, lines: Sequence[tuple[str, Colour]]) -> np.ndarray:

@@ -291,7 +291,7 @@ def test_the_velocity_of_an_unknown_date_does_not_average_out():
         assert least < sigma.min() and sigma.max() < most
 
 
-def test_what_is_no_attitude_is_refused():
+def test_what_is_not_an_attitude_is_refused():
     heads, fused = Heads(2), np.zeros((), FUSED)
     good_q, good_P = np.array([0.0, 0.0, 0.0, 1.0]), COVARIANCE
     for q, P in (([0, 0, 0, np.nan], good_P), ([0, 0, 0, 0.9], good_P), (good_q, good_P * np.nan),
@@ -386,7 +386,7 @@ def test_the_misalignment_is_about_body_axes_and_the_law_of_the_file_counts():
         pytest.approx(mount))
 
 
-def test_a_step_is_found_and_dated_and_slow_bending_is_none():
+def test_a_step_is_found_and_dated_and_slow_bending_is_not_a_step():
     rng, size = np.random.default_rng(8), np.array([3.0, -4.0, 0.0]) * ARCSEC
     tick = np.arange(1200)
     noise = ARCSEC * np.array([1, 1, 11]) * rng.standard_normal((1200, 2, 3))
@@ -405,7 +405,7 @@ def test_a_step_is_found_and_dated_and_slow_bending_is_none():
     assert (np.abs(step['size_rad'] - size) < 5 * step['sigma_rad'] + 0.1 * np.abs(size)).all()
 
 
-def test_bending_by_a_known_law_and_noise_that_grows_are_no_steps():
+def test_bending_by_a_known_law_and_noise_that_grows_are_not_steps():
     rng, tick = np.random.default_rng(7), np.arange(1500)
     temperature = 10 * np.sin(2 * np.pi * tick / 600)
     sigma = (ARCSEC * np.array([1, 1, 11])) * np.where(tick % 300 >= 270, 30, 1)[:, None]

@@ -462,7 +462,7 @@ def estimated(stays_px, seed, frames=80):
     return lens
 
 
-def test_noise_is_no_error_of_the_lens_and_what_stays_is():
+def test_noise_is_not_an_error_of_the_lens_and_what_stays_is():
     assert np.mean([estimated(0.0, seed).value_px > 0 for seed in range(60)]) <= 0.02
     values = np.array([estimated(0.2, seed).value_px for seed in range(40)])
     assert np.sqrt(np.mean(values ** 2)) == pytest.approx(0.2, rel=0.2)
@@ -595,7 +595,7 @@ def test_the_sign_goes_on_from_the_attitude_before():
         assert found.numbers[:4] @ attitude[:4] == pytest.approx(sign)
 
 
-def test_a_covariance_that_is_none_is_not_published():
+def test_a_covariance_that_is_invalid_is_not_published():
     run = of_run(runs_with('tracks/star')[0])
     attitude, stars = run['tracks/attitude'][0], run['tracks/star'][spans(run['tracks/stars'])[0]]
     broken = np.diag([1e-9, np.nan, 1e-9])
@@ -618,7 +618,7 @@ def damaged(rng, array):
 
 
 @pytest.mark.parametrize('seed', range(40))
-def test_impossible_numbers_give_no_attitude_that_is_none(seed):
+def test_impossible_numbers_give_no_attitude_that_is_invalid(seed):
     rng, run = np.random.default_rng(seed), of_run(runs_with('tracks/star')[0])
     camera, options = run['camera'], trust_options(SOLVERS[seed % 4])
     stars = run['solved/star'][spans(run['solved/stars'])[0]]

@@ -105,7 +105,7 @@ def probe(extractor):
     ({'height': 4000}, 'is too short for 512 x 4000'),
     ({'width': 500}, 'does not fit camera_info'),
 ])
-def test_image_that_is_none(extractor, probe, sky, changes, words):
+def test_image_that_is_invalid(extractor, probe, sky, changes, words):
     extractor.send_until_reported(sky, words, **changes)
     assert not probe.received['centroids']
     extractor.still_works(sky)
@@ -183,7 +183,7 @@ def test_encodings_of_other_drivers_have_their_stars_where_they_are(extractor, p
     ({'distortion_model': 'fisheye'}, "'fisheye' is not one of plumb_bob"),
     ({'width': 0}, 'image size 0 x 512'),
 ])
-def test_camera_info_that_is_none(extractor, probe, sky, changes, words):
+def test_camera_info_that_is_invalid(extractor, probe, sky, changes, words):
     info = camera_to_message(CAMERA, header(1))
     for name, value in changes.items():
         setattr(info, name, value)

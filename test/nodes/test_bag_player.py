@@ -232,7 +232,7 @@ def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
     (b'SQLite format 2\0', "is not an MCAP file: it starts with b'SQLite f'", 1),
     (b'SQLite format 3\0', 'is damaged: file is not a database', 1),
     (b'\x89MCAP0\r\n', 'nothing to play among no topics', 2)])
-def test_what_is_no_bag_is_refused(tmp_path, content, words, status):
+def test_what_is_not_a_bag_is_refused(tmp_path, content, words, status):
     (tmp_path / 'file.mcap').write_bytes(content)
     done = play(tmp_path / 'file.mcap')
     assert done.returncode == status

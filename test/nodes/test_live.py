@@ -146,7 +146,7 @@ def test_the_page_shows_state_and_sky_while_it_runs(ran):
         assert (np.ptp(picture.astype(int), axis=2) > 60).sum() > 200
 
 
-def test_a_foreign_attitude_that_is_none_is_passed_over(tmp_path):
+def test_a_foreign_attitude_that_is_invalid_is_passed_over(tmp_path):
     header = make_header(1, 'icrf')
     with LiveRig(tmp_path, CAMERA) as rig:
         publisher = rig.probe.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)

@@ -271,7 +271,7 @@ def test_attitude_messages_mean_what_they_say():
     assert imu.angular_velocity_covariance[0] == -1
 
 
-def test_invalid_attitude_is_flagged_and_is_no_rotation():
+def test_invalid_attitude_is_flagged_and_is_not_a_rotation():
     data = attitude_to_imu(None, HEADER)
     for imu in (deserialize_message(data, Imu), deserialized(data, Imu)):
         q = imu.orientation
@@ -306,7 +306,7 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
         assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == windowed).all()
 
 
-def test_targets_and_bodies_among_the_predictions_are_no_stars():
+def test_targets_and_bodies_among_the_predictions_are_not_stars():
     predicted = PredictedCentroids(
         1, np.array([[5.0, 6.0], [7.0, 8.0]]), np.zeros((2, 2)), np.array([0.1, 0.2]),
         np.array([11767, 0]), 1)

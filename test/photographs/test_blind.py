@@ -120,7 +120,7 @@ def test_a_cluster_is_found_in_a_field_below_a_degree(identifier, ra_deg, dec_de
 
 @pytest.mark.parametrize('spots', [4, 12, 60])
 @pytest.mark.parametrize('seed', range(3))
-def test_random_spots_are_no_field(identifier, spots, seed):
+def test_random_spots_are_not_a_field(identifier, spots, seed):
     rng = np.random.default_rng(seed)
     noise = centroids(rng.uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (spots, 2)),
                       10 ** rng.uniform(2, 4, spots))

@@ -117,7 +117,7 @@ def test_black_white_and_tiny_images_are_named(image, status):
     assert solution.identification.reason
 
 
-def test_a_thumbnail_is_no_work(monkeypatch):
+def test_a_thumbnail_is_not_solved(monkeypatch):
     """Its pixels resolve no stars: no database is built for it."""
     monkeypatch.setattr('startracker_ros.photographs.ladder.UncalibratedPyramid', None)
     rng = np.random.default_rng(1)
@@ -299,7 +299,7 @@ def test_a_dropped_field_is_named_and_one_that_fits_is_not_dropped(any_field, sk
     assert any_field.solve(read_image(path), Camera.from_fov(1024, 768, 11.4)).dropped is None
 
 
-def test_a_header_with_a_field_too_small_for_the_catalogue_is_no_error(sky_data):
+def test_a_header_with_a_field_too_small_for_the_catalogue_is_not_an_error(sky_data):
     path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[4]
     photograph, when = read_photograph(path)._replace(fov_deg=0.2), epoch_of(2019.57)
     solution, _ = Solvers(None, None, WIDE).solve(
@@ -340,7 +340,7 @@ def test_a_fisheye_with_a_given_field_is_a_fisheye(any_field):
 
 @pytest.mark.long
 @pytest.mark.parametrize('draw', [city, random_spots])
-def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
+def test_no_field_of_view_explains_what_is_not_sky(any_field, draw):
     image = draw(np.random.default_rng(0)).clip(0, 255).astype(np.uint8)
     solution = any_field.solve(image)
     assert solution.quaternion is None

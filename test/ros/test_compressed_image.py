@@ -58,6 +58,6 @@ def test_every_cut_and_every_changed_byte_is_named():
     (cv2.imencode('.jpg', image_of(np.uint8))[1].tobytes(), 'compressed.format of the camera'),
     (png(image_of(np.uint8, (8, 8, 3))), 'not grey'),
     (png(np.zeros((2 ** 13, 2 ** 13 + 1), np.uint8)), 'above 67108864 px')])
-def test_what_is_no_grey_png_of_a_camera_is_named(data, reason):
+def test_what_is_not_a_grey_png_of_a_camera_is_named(data, reason):
     with pytest.raises(MessageError, match=reason):
         image_from_compressed(message_of(data))

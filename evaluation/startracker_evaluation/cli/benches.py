@@ -75,7 +75,7 @@ def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: in
 
 
 _bench('identification', 'bench.identification:run_identification_bench',
-       'Frames left unidentified: close pairs resolved, joined or missed, many false spots.',
+       'Frames left unidentified: close pairs resolved, joined or missed, many false detections.',
        trials_option(10_000, 'Frames of each camera and model of close pairs.'),
        only_option('Cases'), scheduler_option, known='ALL_CASES')
 _bench('own-catalogue', 'bench.own_catalogue:run_own_catalogue_bench',

@@ -23,7 +23,7 @@ class SearchOptions(Options):
         'is searched', unit='s', low=0.0, high=3600.0, live=True)
     max_stars_lost: int = option(
         160, 'maximum number of stars while the star tracker is lost: max_stars in the first '
-        'two images, then twice as many in every further two, for stars among brighter spots',
+        'two images, then twice as many in every further two, for stars among brighter detections',
         low=1, high=5000, live=True)
 
 

@@ -53,8 +53,8 @@ class TargetTrackOptions(Options):
         2.0, 'how long a target may be hidden, by a star that it passes, before it is given up',
         unit='s', low=0.0, high=5.0)
     target_min_shift_px: float = option(
-        1.0, 'how far it must have moved in the image: a spot that stays on its pixels while the '
-        'stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
+        1.0, 'how far it must have moved in the image: a detection that stays on its pixels while '
+        'the stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
 
 
 @dataclass

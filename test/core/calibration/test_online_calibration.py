@@ -157,7 +157,7 @@ def test_a_wrong_star_is_left_out():
     assert len(lens_filter.checked(frame).uv) == 19
 
 
-def test_an_impossible_camera_is_no_proposal():
+def test_an_impossible_camera_is_not_a_proposal():
     options = OnlineOptions(lens_sigma_px=100.0)
     calibration = OnlineCalibration(CAMERA, options)
     calibration.filter.mean[:] = [0, 1e6, 0, 0, 0]

@@ -43,7 +43,7 @@ def test_field_of_view_is_edge_to_edge():
     assert camera.corner_angle_rad == pytest.approx(np.arccos(corner[2]), abs=1e-12)
 
 
-def test_behind_the_camera_is_no_pixel():
+def test_behind_the_camera_is_not_a_pixel():
     assert np.isnan(LENS.project(np.array([0.0, 0.0, -1.0]))).all()
 
 

@@ -78,7 +78,7 @@ def test_wrong_dark_frames_are_named(image, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('count', [150, 500])
-def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
+def test_snow_of_hot_pixels_is_not_sky_and_hides_none(image, count):
     snow = dark_frame(image.shape, count, count, size=2)
     for given_deg in (11.4, None):
         solution = st.solve(np.maximum(image, snow), given_deg, YEAR)
@@ -89,7 +89,7 @@ def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
 
 
 @pytest.mark.parametrize('sigma_px', [0.5, 0.6, 1.0, 2.0])
-def test_stars_are_no_clusters_of_hot_pixels(sigma_px):
+def test_stars_are_not_clusters_of_hot_pixels(sigma_px):
     rng = np.random.default_rng(2)
     v, u = np.mgrid[:400, :400]
     sky = rng.normal(200, 4, (400, 400))

@@ -292,7 +292,7 @@ def test_heads_go_on_when_the_gyro_ends():
     assert max(heads.error_arcsec(result) for result in results if result) < 0.1
 
 
-def test_an_hour_in_which_all_are_blinded_is_no_error_of_the_gyro():
+def test_an_hour_in_which_all_are_blinded_is_not_an_error_of_the_gyro():
     heads, results = Heads(2), []
     for index in range(80):
         heads.time_s += 3600.0 * (index == 40)
@@ -328,7 +328,7 @@ def test_time_that_goes_back_for_all_is_a_new_start():
     ([0, 0, 0, np.nan], COVARIANCE), ([0, 0, 0, 0.9], COVARIANCE),
     ([0, 0, 0, 1], COVARIANCE * np.nan), ([0, 0, 0, 1], -COVARIANCE),
     ([0, 0, 0, 1], np.diag([1.0, 1.0, 0.0])), ([0, 0, 0, 1], np.diag([1.0, -1.0, -1.0]))])
-def test_what_is_no_attitude_is_rejected(quaternion, covariance):
+def test_what_is_not_an_attitude_is_rejected(quaternion, covariance):
     with pytest.raises(ValueError, match='not an attitude|not positive definite'):
         HeadFrame(START_NS, np.array(quaternion, float), covariance)
 
@@ -494,7 +494,7 @@ def test_the_reference_is_not_wrong_where_it_does_not_count():
         True, True, True]
 
 
-def test_a_covariance_that_is_none_is_given_up():
+def test_a_covariance_that_is_invalid_is_given_up():
     heads = Heads(2)
     heads.run(5)
     for variances in ([1e-39, 1e-19, 1e30], [1e-16, 1e37, 1e-19]):

@@ -99,7 +99,7 @@ def test_smeared_stars_are_tracked_at_three_degrees_a_second():
     assert published >= 16 and windowed >= 10
 
 
-def test_a_repeated_image_is_no_attitude_while_the_stars_move():
+def test_a_repeated_image_is_not_an_attitude_while_the_stars_move():
     last = {}
 
     def repeat(index, image):

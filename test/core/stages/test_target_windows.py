@@ -110,7 +110,7 @@ def with_targets(predicted, uv):
         np.zeros(count, np.int32), 0))
 
 
-def test_targets_that_are_missed_or_seen_are_no_stars():
+def test_targets_that_are_missed_or_seen_are_not_stars():
     """They change neither which images are searched, nor the motion of the stars."""
     scene = Scene(5.0, begins_s=99.0)
     for _ in range(6):

@@ -55,7 +55,7 @@ def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
 
 
 @pytest.mark.slow
-def test_good_stamps_and_manoeuvres_are_no_error_of_the_stamps():
+def test_good_stamps_and_manoeuvres_are_not_errors_of_the_stamps():
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed)[2] for seed in range(10))
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed, jerk_deg_s=0.1)[2] for seed in range(10))
     assert not any(flown(0.0, (0.0, 0.0, 0.0), seed)[2] for seed in range(5))
@@ -91,7 +91,7 @@ def estimated(motion, frames=60):
 
 
 @pytest.mark.parametrize('rate_deg_s', [(0.05, 0.1, 0.0), (0.0, 0.0, 0.0)])
-def test_an_oscillation_is_no_error_of_the_stamps(rate_deg_s):
+def test_an_oscillation_is_not_an_error_of_the_stamps(rate_deg_s):
     sigmas = [estimated(Swinging(ONBOARD, rate_deg_s, seed=seed)) for seed in range(4)]
     assert np.mean(np.array(sigmas) > 0) < 0.15
 

@@ -73,7 +73,7 @@ def test_what_is_left_of_a_cut_file_is_read(packed: Path) -> None:
 
 
 @pytest.mark.parametrize('tolerant', [False, True])
-def test_bytes_that_are_no_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: bool) -> None:
+def test_bytes_that_are_not_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: bool) -> None:
     file = packed / 'run_0.mcap.zstd'
     content = bytearray(file.read_bytes())
     content[4:40] = b'\xff' * 36

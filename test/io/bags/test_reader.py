@@ -148,7 +148,7 @@ def test_the_rate_is_that_of_the_messages_and_not_of_the_span(tmp_path: Path) ->
         '/camera': pytest.approx(10.0), '/gyro': pytest.approx(100.0), '/end': 0.05}
 
 
-def test_what_is_no_bag(tmp_path: Path) -> None:
+def test_what_is_not_a_bag(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mcap').write_text('rosbag2_bagfile_information:')
     (tmp_path / 'nothing.mcap').touch()

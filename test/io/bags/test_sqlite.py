@@ -163,7 +163,7 @@ def test_other_databases_are_rejected(tmp_path: Path, script: str, words: str) -
             numbers(tmp_path / 'run.db3', tolerant=tolerant)
 
 
-def test_a_message_that_is_none_is_damage(bag: Path) -> None:
+def test_a_message_that_is_invalid_is_damage(bag: Path) -> None:
     with sqlite3.connect(next(bag.glob('*.db3'))) as database:
         database.execute("UPDATE messages SET data = 'text' WHERE id = 20")
     database.close()

@@ -213,7 +213,7 @@ def test_camera_info_without_a_camera(heard, trouble):
     assert check.check == trouble and not check.holds and check.mend
 
 
-def test_camera_file_that_is_none_is_one_row(tmp_path):
+def test_camera_file_that_is_invalid_is_one_row(tmp_path):
     (tmp_path / 'camera.yaml').write_text('nothing')
     check, = camera.check_camera(tmp_path / 'camera.yaml', 0.0)
     assert not check.holds and 'camera.yaml' in check.result
