@@ -9,12 +9,12 @@ import re
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FILES = [path for folder in (
-    'startracker_ros', 'native', 'evaluation/startracker_evaluation', 'test', 'docs', 'config',
-    'launch', 'bags')
-         for path in sorted((ROOT / folder).rglob('*'))
-         if path.suffix in ('.py', '.c', '.cpp', '.h', '.md', '.yaml', '.js', '.html', '.j2')
-         and path != Path(__file__)] + [ROOT / 'README.md', ROOT / 'evaluation' / 'README.md']
+FOLDERS = ('startracker_ros', 'native', 'evaluation/startracker_evaluation', 'test', 'docs',
+           'config', 'launch', 'bags')
+FILES = [ROOT / 'README.md', ROOT / 'evaluation' / 'README.md', *(
+    path for folder in FOLDERS for path in sorted((ROOT / folder).rglob('*'))
+    if path.suffix in ('.py', '.c', '.cpp', '.h', '.md', '.yaml', '.js', '.html', '.j2')
+    and path != Path(__file__))]
 # Names of fields, of keys and of others stay; they stand in quotes or in a longer name.
 INSTEAD = {
     r'[Ss]poil\w*': 'contaminated, damaged',
@@ -55,7 +55,8 @@ INSTEAD = {
     r"\bof (?:one's|your) own\b": 'custom, separate',
     r'\bmay be off\b': 'is uncertain',
     # Not the variables of that name.
-    r'(?<=[a-z,;:.)] )[Bb]eside (?!in |is L)(?=[A-Za-z])': 'next to, in addition to, compared with',
+    r'(?<=[a-z,;:.)] )[Bb]eside (?!in |is L)(?=[A-Za-z])':
+        'next to, in addition to, compared with',
     r'that a parameter has is': 'setting a parameter to its current value',
     r'are typed and are added': 'names may be added, never changed',
 }
