@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Images of one's own with known answers: how many are solved, and how far off they are."""
+"""Your images with known answers: how many are solved, and how far off they are."""
 
 import csv
 from pathlib import Path

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An identification method of one's own: triangles of the brightest stars, by brute force."""
+"""A custom identification method: triangles of the brightest stars, by brute force."""
 
 from itertools import combinations
 
