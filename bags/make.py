@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Makes the golden bags beside this file anew: python bags/make.py [FOLDER].
+Makes the golden bags next to this file again: python bags/make.py [FOLDER].
 
 Simulated images run through the cores of the nodes, one frame after the other, and everything
 is recorded as the nodes publish it. The same code makes the same bags.
@@ -223,7 +223,7 @@ def header(stamp_ns: int, frame_id: str = 'star_tracker_optical_frame') -> Heade
 
 
 def main() -> None:
-    """Make all bags into the folder of the command line, or beside this file."""
+    """Make all bags into the folder of the command line, or next to this file."""
     folder = Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).parent
     for name in SCENARIOS:
         make(name, folder / name)

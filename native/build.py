@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 NATIVE = Path(__file__).resolve().parent
 LIBRARY = Path('startracker_ros', 'core', 'libstartracker.so')
-"""In the package, beside native.py, which loads it."""
+"""In the package, next to native.py, which loads it."""
 
 # Contraction would change bits from one processor to the next.
 _FLAGS = ('-O3', '-fPIC', '-fvisibility=hidden', '-ffp-contract=off', '-fno-math-errno', '-Wall',
@@ -37,7 +37,7 @@ _DEVELOPED = ('-Werror', '-g', '-DST_NO_CLONES')
 _SANITIZERS = ('-fsanitize=address,undefined', '-fno-sanitize-recover=all')
 # The wheel of zig brings no runtime of AddressSanitizer: undefined behaviour ends the program.
 _TRAPS = ('-fsanitize=undefined', '-fsanitize-trap=undefined')
-# Without libstdc++ and libc++, of which nothing is needed: the library fits beside any other, and
+# Without libstdc++ and libc++, of which nothing is needed: the library fits next to any other, and
 # zig need not compile libc++, 80 s of a processor. g++ knows -nostdlib++ from version 13 on.
 _LINKED = {'g++': ('-nodefaultlibs', '-lm', '-lc', '-lgcc'), 'clang++': ('-nostdlib++', '-lm'),
            'zig': ('-nostdlib++', '-lm')}
@@ -135,7 +135,7 @@ def _identified(command: Sequence[str]) -> Compiler:
     machine = (command[command.index('-target') + 1] if '-target' in command
                else _run([*command, '-dumpmachine']).stdout)
     if done.returncode != 0 or not machine:
-        raise BuildError(f'{shlex.join(command)} is no compiler for C++: '
+        raise BuildError(f'{shlex.join(command)} is not a compiler for C++: '
                          f'{_first_error(done.stdout + done.stderr)}')
     march, mcpu = _PROCESSOR.get(machine.partition('-')[0], ((), ()))
     kind = 'zig' if of_zig else 'clang++' if 'clang' in text else 'g++'

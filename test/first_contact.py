@@ -6,8 +6,8 @@
 
 python test/first_contact.py [--target demo|test] [--runs N] [--again N] [--loops N] [--core]
 
-Each of the runs clones anew and has a home of its own; --again repeats the target in the same
-clone, where all is installed. --loops busy loops run beside it in the same session, so that the
+Each of the runs clones again and has a home of its own; --again repeats the target in the same
+clone, where all is installed. --loops busy loops run in the same session, so that the
 scheduler of Linux gives each as much as a busy process of `make`; with --core all of it is on one
 core. Prints one line of JSON a run, of a failed one with the file of its output. Status 1 if one
 fails.

@@ -27,7 +27,7 @@ from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
 from startracker_ros.core import native
 from startracker_ros.core.astro.aberration import (
-    Air, apparent_directions, natural_directions, vantage_near_earth)
+    Air, apparent_directions, natural_directions, state_near_earth)
 from startracker_ros.core.astro.earth import earth_position_au, earth_velocity_m_s
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import (
@@ -269,15 +269,15 @@ def places_outputs(values: Values) -> Values:
     year, catalog = values['epoch_year'], st.load_catalog()
     row = [int(np.flatnonzero(catalog.hip == hip)[0]) for hip in values['hip']]
     natural = catalog.directions(year, earth_position_au(year))[row]
-    vantage = vantage_near_earth(year, *arrays(values, 'geocentric_velocity_m_s'))
+    state = state_near_earth(year, *arrays(values, 'geocentric_velocity_m_s'))
     if values['air']:
         air = values['air']
-        vantage = vantage._replace(air=Air(np.array(air['zenith']), air['a_rad'], air['b_rad']))
-    apparent = apparent_directions(natural, vantage)
+        state = state._replace(air=Air(np.array(air['zenith']), air['a_rad'], air['b_rad']))
+    apparent = apparent_directions(natural, state)
     return {'earth_velocity_m_s': earth_velocity_m_s(year),
-            'heliocentric_au': vantage.heliocentric_au, 'natural_direction': natural,
+            'heliocentric_au': state.heliocentric_au, 'natural_direction': natural,
             'apparent_direction': apparent,
-            'natural_again': natural_directions(apparent, vantage)}
+            'natural_again': natural_directions(apparent, state)}
 
 
 # --- extraction ---

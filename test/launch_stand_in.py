@@ -56,7 +56,7 @@ class Launched:
     """A launch file, executed: its arguments, its nodes, its inclusions."""
 
     undeclared: dict[str, str] = {}
-    """What is given beside the arguments of the launch file."""
+    """What is given in addition to the arguments of the launch file."""
 
     def __init__(self, path, given, inherited=MappingProxyType({})):
         actions = runpy.run_path(str(path))['generate_launch_description']().value

@@ -112,7 +112,7 @@ class Fusion:
         assert call('mount', self.handle, number, int(stamp_ns), *found) == 0
         return found
 
-    def learnt(self, number: int) -> np.ndarray:
+    def estimated(self, number: int) -> np.ndarray:
         mount = np.zeros((), MOUNT)
         assert call('learnt', self.handle, number, mount) == 0
         return mount

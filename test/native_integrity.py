@@ -323,7 +323,7 @@ STAMP_FAULTS = ('as recorded', '5 ms', 'shaken')
 
 
 def with_stamp_errors(fault: str, numbers: np.ndarray) -> np.ndarray:
-    """Return states, turns and covariances (F, 33) of frames whose stamps err, or that shake."""
+    """Return states, turns and covariances (F, 33) of frames with timestamp errors or shaken."""
     rng, numbers = np.random.default_rng(4), numbers.copy()
     if fault == '5 ms':
         numbers[:, 21:24] += rng.normal(0, 5e-3, (len(numbers), 1)) * numbers[:, 11:14]
@@ -345,7 +345,7 @@ def camera_struct(camera) -> np.ndarray:
 # --- the record ---
 
 RUNS = {  # how many frames
-    'torn frames 1 deg/s': 36, 'rolling shutter 1 deg/s': 12, 'list, stamps that err by 5 ms': 40,
+    'torn frames 1 deg/s': 36, 'rolling shutter 1 deg/s': 12, 'list, timestamp errors of 5 ms': 40,
     'list, sway 0.05 deg, 1 s, exposed 0.1 s': 40, 'slews to 3 deg/s, gyro': 60,
     'slews, gyro in deg/s': 60, 'list, three images in a row one frame late, 1 deg/s': 40,
     'half of the image covered': 40, '30 false, 20 % missing': 20, 'smear 5 deg/s, 20 ms': 20,

@@ -150,7 +150,7 @@ EPOCHS = {
     2461200.5: 'as a Julian date it is 2026.44',
     61200.0: 'as a modified Julian date it is 2026.44',
     20190729: "as a date it is the text '2019-07-29'", 3e5: 'as 2026.5 is$', -5.0: 'as 2026.5 is$',
-    float('nan'): 'no Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
+    float('nan'): 'not a Julian year', 'noon': 'neither a year nor a time', None: 'NoneType'}
 
 
 @pytest.mark.parametrize('epoch', EPOCHS)
@@ -252,7 +252,7 @@ def test_wrong_input_is_named():
                        ([np.nan, 0, 0], 'three finite numbers'), ('fast', 'three finite')):
         with pytest.raises(ValueError, match=text):
             tracker.add_rate(0, rate)
-    # A gyro at the end of its range is no mistake.
+    # A gyro at the end of its range is not a mistake.
     tracker.add_rate(0, [8.0, 0.0, 0.0])
     with pytest.raises(ValueError, match='ndarray, must be Centroids: extract'):
         st.identify(np.zeros((3, 2)), CAMERA, epoch_year=2026.5)

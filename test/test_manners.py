@@ -213,7 +213,7 @@ def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
     (folder / 'in' / 'notes.png').write_text('notes, 42')
     line = [str(file) if word == 'FILE' else word for word in line]
     done = startracker(*line)
-    # Nothing of OpenCV or another library beside it.
+    # Nothing of OpenCV or another library in addition to it.
     assert capfd.readouterr().err == ''
     if kind == 'missing':
         assert done.exit_code == 1 and done.stdout == ''
@@ -513,7 +513,7 @@ def test_workers_leave_ctrl_c_to_the_command():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_a_reader_that_leaves_is_no_traceback(process):
+def test_a_reader_that_leaves_is_not_a_traceback(process):
     read, write = os.pipe()
     os.close(read)
     listing = process('simulate', '--options', stdout=write)
@@ -529,7 +529,7 @@ def test_without_colours_there_are_none(monkeypatch):
 
 
 @pytest.mark.parametrize('line, words', [
-    (['solve', IMAGES[0], '--epoch', '20190729'], 'no Julian year'),
+    (['solve', IMAGES[0], '--epoch', '20190729'], 'not a Julian year'),
     (['solve', IMAGES[0], '--fov-deg', '0.001'], 'in less than 0.3 deg'),
     (['export', BAG, '--namespace', 'foo'], "no topic in the namespace 'foo'; it has /attitude"),
     (['record', '-o', '.'], 'not empty')])

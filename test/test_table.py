@@ -151,7 +151,7 @@ def test_a_table_that_fits_has_one_line_for_each_row(capsys, monkeypatch):
 def test_a_word_longer_than_the_terminal_is_whole(capsys, monkeypatch):
     path = '/data/' + 90 * 'x' + '.png'
     assert path in words_of(printed(capsys, monkeypatch, Result('x', [{
-        'file': path, 'solved': False, 'reason': f'{path}: is no image that can be read'}]), 60))
+        'file': path, 'solved': False, 'reason': f'{path}: is not an image'}]), 60))
 
 
 def test_the_option_wide_reaches_the_table(monkeypatch):

@@ -39,7 +39,7 @@ SEED, DARK_SEED = 10, 6
 LISTS = ('slews to 3 deg/s, gyro', 'slews, gyro in deg/s', '30 false, 20 % missing',
          'dark for 2 s at 0.3 deg/s, gyro', 'turned away at once', 'half of the image covered')
 MOTIONS = ('list, sway 0.05 deg, 1 s, exposed 0.1 s', 'list, steps of 0.5 deg/s each second',
-           'list, ramps of 0.5 deg/s^2, 4 s, rolling shutter', 'list, stamps that err by 5 ms',
+           'list, ramps of 0.5 deg/s^2, 4 s, rolling shutter', 'list, timestamp errors of 5 ms',
            'list, torques of 0.2 deg/s^2, 2 s, exposed 0.1 s',
            'list, three images in a row one frame late, 1 deg/s',
            'list, sway 0.2 deg, 2 s, exposed 0.1 s, 1280 x 960 px, 40 deg')

@@ -293,7 +293,7 @@ st_status st_fusion_learnt(const st_fusion *fusion, int32_t head, st_mount *moun
     if (!has_head(fusion, head)) {
         return ST_BAD_INPUT;
     }
-    *mount = fusion->fusion.learnt(head);
+    *mount = fusion->fusion.estimated(head);
     return ST_OK;
 }
 

@@ -208,12 +208,12 @@ st_status st_fit_lens(const st_lens_prior *prior, const st_sky_and_spots *seen,
         return ST_BAD_INPUT;
     }
     Arena arena(work, bytes);
-    const SpotWork room(seen->spots, arena);
-    if (!room.is_whole()) {
+    const SpotWork lists(seen->spots, arena);
+    if (!lists.is_whole()) {
         return ST_TOO_LITTLE_MEMORY;
     }
     LensFit fit{view_of(lens->camera, lens->quaternion), {}, 0.0};
-    fit_lens(prior_of(*prior), seen_of(*seen), star, room.square, fit);
+    fit_lens(prior_of(*prior), seen_of(*seen), star, lists.square, fit);
     publish(fit, 1.0, *lens);
     return ST_OK;
 }
@@ -228,13 +228,13 @@ st_status st_gated_stars(const st_fitted_lens *lens, int32_t parameters, double 
         return ST_BAD_INPUT;
     }
     Arena arena(work, bytes);
-    const SpotWork room(seen->spots, arena);
-    if (!room.is_whole()) {
+    const SpotWork lists(seen->spots, arena);
+    if (!lists.is_whole()) {
         return ST_TOO_LITTLE_MEMORY;
     }
     LensFit fit{view_of(lens->camera, lens->quaternion), {}, lens->error_px};
     std::copy_n(&lens->covariance[0][0], MOST_PARAMETERS * MOST_PARAMETERS, &fit.P.row[0][0]);
-    gated_stars(fit, parameters, error_px, seen_of(*seen), star, room.best);
+    gated_stars(fit, parameters, error_px, seen_of(*seen), star, lists.best);
     return ST_OK;
 }
 
@@ -254,8 +254,8 @@ st_status st_grow_lens(const st_lens_prior *prior, const st_sky_and_spots *seen,
         return ST_BAD_INPUT;
     }
     Arena arena(work, bytes);
-    const SpotWork room(seen->spots, arena);
-    if (!room.is_whole()) {
+    const SpotWork lists(seen->spots, arena);
+    if (!lists.is_whole()) {
         return ST_TOO_LITTLE_MEMORY;
     }
     const LensPrior given = prior_of(*prior);
@@ -270,10 +270,10 @@ st_status st_grow_lens(const st_lens_prior *prior, const st_sky_and_spots *seen,
         assumed.start.fy /= ratio[k];
         LensFit fit{};
         const double probability =
-            grow_lens(assumed, sky, spots + QUAD * k, stars + QUAD * k, fit, room);
+            grow_lens(assumed, sky, spots + QUAD * k, stars + QUAD * k, fit, lists);
         if (probability < lens->probability) {
             publish(fit, probability, *lens);
-            std::copy(room.star, room.star + seen->spots, star);
+            std::copy(lists.star, lists.star + seen->spots, star);
         }
     }
     return ST_OK;

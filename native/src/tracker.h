@@ -55,8 +55,8 @@ inline bool has_stage(const st_tracker &tracker, int32_t stage) {
     return has(tracker.config, stage);
 }
 
-/// What a tracker is made of beside its options: the sky file where it has one, and what it identifies
-/// stars by where it does.
+/// What a tracker is made of in addition to its options: the sky file where it has one, and what
+/// it identifies stars by where it does.
 struct Setup {
     SkyFile sky_file;
     IdentificationSetup identification;

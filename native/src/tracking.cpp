@@ -149,7 +149,7 @@ int32_t st_identification_is_due(const st_tracker *tracker, int64_t stamp_ns, st
     if (tracker == nullptr || state != ST_TRACKING) {
         return 1;
     }
-    // What the tracking predicted is no check of it.
+    // What the tracking predicted is not a check of it.
     const double period_s = tracker->config.identification.check_period_s;
     if (period_s == 0 || windowed != 0) {
         return 0;

@@ -1,7 +1,8 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What whole frames need beside the stages: whether one is used, and what is known after it.
+// What whole frames need in addition to the stages: whether one is used, and what is known after
+// it.
 
 #include <cmath>
 

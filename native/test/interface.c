@@ -139,7 +139,7 @@ static void on_ground(st_tracker *tracker, const st_image *image) {
     free(left);
 }
 
-/* A tracker with the exposure learnt from an image keeps it; no refused call changes anything. */
+/* A tracker keeps the exposure that it estimated; no refused call changes anything. */
 static void changes(st_tracker *tracker, const st_config *created, const st_image *image) {
     st_config config = *created;
     st_fault fault = {NULL, 0, 0, 0};

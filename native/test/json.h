@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-/* A reader of JSON for the conformance corpus; a file that is no JSON ends the program. */
+/* A reader of JSON for the conformance corpus; a file that is not JSON ends the program. */
 
 #ifndef STARTRACKER_TEST_JSON_H
 #define STARTRACKER_TEST_JSON_H

@@ -527,12 +527,12 @@ void stt_choose(const double *places, int32_t count, int32_t width, int32_t heig
 }
 
 void stt_exposure(double given_s, const double *shown, int32_t count, double exposure[3]) {
-    Exposure learnt(given_s);
+    Exposure estimated(given_s);
     for (int i = 0; i < count; ++i) {
-        learnt.add(shown[2 * i], shown[2 * i + 1]);
+        estimated.add(shown[2 * i], shown[2 * i + 1]);
     }
-    const ExposureLimits limits = learnt.limits();
-    exposure[0] = learnt.seconds();
+    const ExposureLimits limits = estimated.limits();
+    exposure[0] = estimated.seconds();
     exposure[1] = limits.least_s;
     exposure[2] = limits.most_s;
 }

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Inner functions of the core for tests: of libstartracker_test, which is built beside the library
- * and not installed, so that no code for tests flies. Matrices are by rows.
+ * Inner functions of the core for tests: of libstartracker_test, which is built next to the
+ * library and not installed, so that no code for tests flies. Matrices are by rows.
  */
 
 #ifndef STARTRACKER_TEST_KERNELS_H

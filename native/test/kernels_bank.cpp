@@ -536,7 +536,7 @@ int32_t stt_detected_stars(const double q[4], const double rate[3], const double
                            const double *distance, const int32_t *best, const double *uv,
                            const double *error, int32_t centroids, double *detected) {
     Arena arena = work();
-    const TrackBank &bank = scene.model.bank;
+    const TrackList &bank = scene.model.bank;
     auto stars = arena.list<DetectedStar>(static_cast<size_t>(bank.count));
     detected_stars(scene.lens, quaternion_of(q), from<Vector3>(rate), bank,
                    reinterpret_cast<const Vector3 *>(icrf), distance, best,

@@ -68,7 +68,7 @@ static uint64_t put(uint8_t *place, const char *type, double number) {
         *place = (uint8_t)number;
         return 1;
     }
-    fprintf(stderr, "%s is no type of a section\n", type);
+    fprintf(stderr, "%s is not a type of a section\n", type);
     exit(2);
 }
 

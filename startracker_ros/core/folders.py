@@ -35,7 +35,7 @@ def most_cache_bytes() -> float:
         if text and float(text) >= 0:
             return 1e6 * float(text)
     if text:
-        logging.getLogger(__name__).warning('%s = %r is no size in MB: %g is used',
+        logging.getLogger(__name__).warning('%s = %r is not a size in MB: %g is used',
                                             CACHE_VARIABLE, text, CACHE_MB)
     return 1e6 * CACHE_MB
 

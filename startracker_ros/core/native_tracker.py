@@ -102,18 +102,18 @@ def native_identified(hip: np.ndarray, count: int) -> np.ndarray:
 
 def native_observer(observer: Observer) -> np.ndarray:
     """Return an OBSERVER."""
-    made, vantage, bodies = np.zeros((), native.OBSERVER), observer.vantage, observer.bodies
+    made, state, bodies = np.zeros((), native.OBSERVER), observer.state, observer.bodies
     made['velocity_sigma_m_s'] = observer.velocity_sigma_m_s
     made['epoch_sigma_years'] = observer.epoch_sigma_years
     made['heliocentric_au'] = _UNKNOWN
     made['max_age_s'] = np.inf
-    if vantage is not None:
+    if state is not None:
         made['aberration'] = _ABERRATION.index(observer.used)
-        made['velocity_m_s'] = vantage.velocity_m_s
-        made['heliocentric_au'] = vantage.heliocentric_au
-        if vantage.air is not None:
-            made['zenith'] = vantage.air.zenith
-            made['refraction_a_rad'], made['refraction_b_rad'] = vantage.air[1:]
+        made['velocity_m_s'] = state.velocity_m_s
+        made['heliocentric_au'] = state.heliocentric_au
+        if state.air is not None:
+            made['zenith'] = state.air.zenith
+            made['refraction_a_rad'], made['refraction_b_rad'] = state.air[1:]
     if bodies is not None:
         body = made['body'][:len(bodies.magnitude)]
         body['direction'], body['magnitude'] = bodies.direction, bodies.magnitude

@@ -50,7 +50,7 @@ class Option:
     def check(self, value: Any) -> Any:
         """Return value in the type of the default; ValueError names option, value and range."""
         wanted = type(self.default)
-        # NumPy scalars and whole numbers are welcome, booleans are no numbers.
+        # NumPy scalars and whole numbers are welcome, booleans are not numbers.
         if wanted in (float, int) and not isinstance(value, bool):
             kind = Real if wanted is float else Integral
             value = wanted(value) if isinstance(value, kind) else value

@@ -23,7 +23,7 @@ def read_yaml(path: str | Path) -> Any:
 
 def load_yaml(text: str | bytes) -> Any:
     """
-    Return the document; ValueError if it is no YAML, has aliases or is nested too deeply.
+    Return the document; ValueError if it is not YAML, has aliases or is nested too deeply.
 
     Deep nesting crashes libyaml, and aliases expand exponentially; rosbag2 writes neither.
     """

@@ -96,7 +96,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _text(path: Path, given: Mapping[str, str]) -> Iterator[Stars]:
-    """Yield the stars of a CSV file, the first line that is no comment being its names."""
+    """Yield the stars of a CSV file, the first line that is not a comment being its names."""
     try:
         with (gzip.open(path, 'rt', newline='') if path.suffix == '.gz'
               else path.open(newline='')) as file:

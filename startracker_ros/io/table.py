@@ -103,7 +103,7 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
         print(json.dumps(result.document))
         return
     rows, conditions = result.records, _plain_values(result.conditions)
-    # Texts are data: brackets and colons in them are no markup.
+    # Texts are data: brackets and colons in them are not markup.
     console = Console(markup=False, emoji=False, highlight=False)
     columns = [_column(name, rows) for name in (rows[0] if rows else ())
                if name not in result.details]

@@ -153,7 +153,7 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
         raise ValueError('no images to calibrate from')
     observer = ObserverSite().observer(epoch_of(year))
     used, calibration = calibrate_lists(
-        centroids, camera, epoch_year_now() if year is None else year, observer.vantage, terms, {})
+        centroids, camera, epoch_year_now() if year is None else year, observer.state, terms, {})
     return replace(calibration, frames=np.array(sorted(used, key=used.__getitem__)))
 
 

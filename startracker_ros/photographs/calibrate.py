@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from startracker_ros.core.astro.aberration import Vantage
+from startracker_ros.core.astro.aberration import ObserverState
 from startracker_ros.core.astro.epoch import epoch_year_now
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.calibration.adjustment import CalibrationError
@@ -29,8 +29,8 @@ from startracker_ros.io.images.images import calibrated_camera, read_image_with_
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.blind import BlindIdentifier, LENS_ERROR
+from startracker_ros.photographs.estimated_lens import estimate_lens
 from startracker_ros.photographs.ladder import LadderIdentifier
-from startracker_ros.photographs.learnt_lens import learn_lens
 from startracker_ros.photographs.unknown_lens import FISHEYES, UnknownLensIdentifier
 
 # Stars in the corners are mostly faint.
@@ -78,7 +78,7 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:
-        used, calibration = calibrate_lists(centroids, camera, epoch_year, observer.vantage,
+        used, calibration = calibrate_lists(centroids, camera, epoch_year, observer.state,
                                             terms, reasons)
     except CalibrationError as error:
         unused = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
@@ -94,8 +94,8 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
 
 
 def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
-                    vantage: Vantage | None, terms: Sequence[str], reasons: dict[int, str]
-                    ) -> tuple[dict[int, int], Calibration]:
+                    observer_state: ObserverState | None, terms: Sequence[str],
+                    reasons: dict[int, str]) -> tuple[dict[int, int], Calibration]:
     """
     Return the frame number of each image in use and the calibration; add to reasons.
 
@@ -104,12 +104,12 @@ def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year:
     """
     onboard = camera_stars(camera, epoch_year)
     views: dict[int, View] = {}
-    learnt = _with_learnt_lens(centroids, camera, epoch_year)
+    estimated = _with_estimated_lens(centroids, camera, epoch_year)
     # Terms that are not free stay those of the initial camera.
-    camera = camera.with_focal_ratio(learnt.fx / camera.fx) if terms else learnt
+    camera = camera.with_focal_ratio(estimated.fx / camera.fx) if terms else estimated
     for options in _REFINED:
         _identify(centroids, views, camera, epoch_year, options, reasons)
-    calibration = calibrate(_seen_from(vantage, views), camera, onboard, terms)
+    calibration = calibrate(_seen_from(observer_state, views), camera, onboard, terms)
     used = _used(views, calibration)
     if len(views) < len(centroids):
         before = len(views)
@@ -118,16 +118,16 @@ def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year:
             for index, frame in used.items():
                 views[index] = View(centroids[index], calibration.adjustment.quaternions[frame])
             calibration = calibrate(
-                _seen_from(vantage, views), calibration.camera, onboard, terms)
+                _seen_from(observer_state, views), calibration.camera, onboard, terms)
             used = _used(views, calibration)
     reasons.update({index: f'fewer than {MIN_FRAME_STARS} of its stars fit the camera'
                     for index in views if index not in used})
     return used, calibration
 
 
-def _seen_from(vantage: Vantage | None, views: dict[int, View]) -> list[View]:
-    """Return the views with the vantage of the camera."""
-    return [replace(view, vantage=vantage) for view in views.values()]
+def _seen_from(observer_state: ObserverState | None, views: dict[int, View]) -> list[View]:
+    """Return the views of a camera of that state."""
+    return [replace(view, observer_state=observer_state) for view in views.values()]
 
 
 def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
@@ -136,7 +136,7 @@ def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
     return {index[view]: frame for frame, view in enumerate(calibration.frames)}
 
 
-def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
+def _with_estimated_lens(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
                       ) -> Camera:
     """Return the lens of the first image that a search without a calibration solves."""
     shape = camera.height, camera.width
@@ -148,7 +148,7 @@ def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_yea
     for image_centroids, (identify, focal_error) in product(centroids.values(), searches):
         for attempt in identify([image_centroids]):
             if attempt.identification.attitude is not None:
-                lens = learn_lens(attempt, focal_error)
+                lens = estimate_lens(attempt, focal_error)
                 if not lens.rejected:
                     return _with_likely_ratio(lens.camera, camera.fy / camera.fx)
     return camera

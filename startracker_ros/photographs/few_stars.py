@@ -28,8 +28,8 @@ def few_stars(identifier: Identifier, table: TriangleTable, centroids: Centroids
         image, sigma, table.native(), false_alarm_max, work_s)
     if match.false_alarm > false_alarm_max:
         status = 'time_limit' if spent_s > work_s else 'no_candidate'
-        return identifier.unidentified(centroids, status, f'{len(index)} spots, no few of them '
-                                       'are stars', match.false_alarm), spent_s
+        return identifier.unidentified(centroids, status, f'{len(index)} detections, no few of '
+                                       'them are stars', match.false_alarm), spent_s
     return identifier.identified(
         centroids, FieldStars(index, image, sigma, centroids.flux[index]), match), spent_s
 

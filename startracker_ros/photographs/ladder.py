@@ -9,7 +9,7 @@ catalogue, a ratio of the pixel sides and a radial distortion. The first ones so
 an ideal lens with an error of a pixel. The last ones allow for stars far from where an ideal lens
 has them. A step accepts a candidate when its false-alarm probability is below false_alarm_max over
 the number of attempts, so that all together are as strict as one identification. The lens is
-then fitted (calibration/learnt_lens.py), so near misses reject nothing here.
+then fitted (calibration/estimated_lens.py), so near misses reject nothing here.
 """
 
 from collections.abc import Iterable, Iterator

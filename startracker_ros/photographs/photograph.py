@@ -23,8 +23,8 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.photographs import blind
 from startracker_ros.photographs.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
 from startracker_ros.photographs.detections import Detections
+from startracker_ros.photographs.estimated_lens import estimate_lens, EstimatedLens
 from startracker_ros.photographs.ladder import Attempt, ATTEMPTS, LadderIdentifier
-from startracker_ros.photographs.learnt_lens import learn_lens, LearntLens
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
 from startracker_ros.photographs.solution import MIN_STARS, Solution
 from startracker_ros.photographs.tiled import Fields, Place, TiledIdentifier
@@ -89,7 +89,7 @@ class PhotographSolver:
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
         nominal is the camera as far as it is known; observer is how the camera moved; bodies are
-        no stars; place is where the image is, for the catalogue of the user.
+        not stars; place is where the image is, for the catalogue of the user.
         """
         detections = Detections(image)
         extraction = detections.extraction
@@ -173,7 +173,7 @@ class PhotographSolver:
 
 
 def _mirrored(lists: Iterable[Centroids], search: _Search, width: int) -> str:
-    """Return what a mirrored image shows, empty if it is none."""
+    """Return what a mirrored image shows, empty if it is not mirrored."""
     flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
                        covariance=ROUND) for centroids in lists]
     solved, _ = first_lens(search.identify_mirrored(flipped), search.fov_error)
@@ -242,21 +242,21 @@ def _known_field(epoch_year: float, options: IdentificationOptions, camera: Came
 
 
 def first_lens(attempts: Iterable[Attempt], fov_error: float
-               ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
+               ) -> tuple[tuple[Attempt, EstimatedLens] | None, str]:
     """Return the first attempt whose lens is accepted, and why the last other one is not."""
     rejected = ''
     for attempt in attempts:
         if attempt.identification.attitude is None:
             continue
-        lens = learn_lens(attempt, fov_error)
+        lens = estimate_lens(attempt, fov_error)
         if not lens.rejected:
             return (attempt, lens), rejected
         rejected = lens.rejected
     return None, rejected
 
 
-def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_error: float
-                    ) -> tuple[Attempt, LearntLens, tuple[BodyInImage, ...]]:
+def _without_bodies(attempt: Attempt, lens: EstimatedLens, bodies: Bodies, fov_error: float
+                    ) -> tuple[Attempt, EstimatedLens, tuple[BodyInImage, ...]]:
     """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
     matched = lens.star >= 0
     magnitude = np.where(matched, attempt.onboard.magnitude[lens.star], np.nan)
@@ -268,11 +268,11 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
             centroids=attempt.centroids.select(~spots),
             identification=replace(found, hip=found.hip[~spots], magnitude=found.magnitude[~spots],
                                    residual_px=found.residual_px[~spots]))
-        lens = learn_lens(attempt, fov_error)
+        lens = estimate_lens(attempt, fov_error)
     return attempt, lens, seen
 
 
-def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
+def _identification(attempt: Attempt, lens: EstimatedLens, attempts: int,
                     observer: Observer) -> Identification:
     """Return the stars of the fitted lens."""
     onboard, known = attempt.onboard, lens.star >= 0
@@ -294,10 +294,10 @@ def _apparent(attitude: AttitudeEstimate, camera: Camera, observer: Observer, uv
     The lens has what differs from that of the middle of the image. uv (N, 2) px with sigma (N,)
     are the stars.
     """
-    if observer.vantage is not None:
+    if observer.state is not None:
         axes = matrix_from_quaternion(multiply(attitude.quaternion, camera.middle_axes))
         z, y = apparent_directions(
-            np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
+            np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.state)
         quaternion = multiply(quaternion_from_axes(z, y), conjugate(camera.middle_axes))
         attitude = replace(
             attitude, quaternion=-quaternion if quaternion[3] < 0 else quaternion)

@@ -21,7 +21,7 @@ from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArra
 
 # A star of a triangle is among so many brightest in the disc about it of the area of an image.
 _BRIGHTEST = 11
-# Sides as a share of the side of a square of that area: shorter ones are of little use beside the
+# Sides as a share of the side of a square of that area: shorter ones help little against the
 # noise; most triangles of an image have no longer ones.
 _SHORTEST, _LEAST_LONGEST, _LONGEST = 0.06, 0.2, 0.85
 # Such stars about each one, which are looked for around a triangle of it.

@@ -77,8 +77,8 @@ class Solution(Summarised):
         count = len(centroids)
         if status == 'ok':
             status = 'too_few_stars'
-            reason = (f'{count} spots that may be stars, at least {MIN_STARS} are needed: expose '
-                      'longer, or take a wider field')
+            reason = (f'{count} detections that may be stars, at least {MIN_STARS} are needed: '
+                      'expose longer, or take a wider field')
         nothing = Identification(status, reason, np.zeros(count, np.int32),
                                  np.full(count, np.nan), np.full(count, np.nan), None, 1.0, 1.0)
         return cls(centroids, nothing, camera)

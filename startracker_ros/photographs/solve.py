@@ -133,7 +133,7 @@ def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: Apparent
         identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
     camera = identifier.camera.with_focal_ratio(found.focal_ratio)
     mapping = None if found.attitude is None else SkyMapping(
-        camera, found.attitude.quaternion, sky.observer.vantage)
+        camera, found.attitude.quaternion, sky.observer.state)
     return Solution(centroids, found, camera, sky=mapping)
 
 

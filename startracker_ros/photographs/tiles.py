@@ -50,7 +50,7 @@ class TiledCatalogue:
             return np.asarray(np.load(self.folder / f'{name}.npy', mmap_mode='r'))
         except (OSError, ValueError) as error:
             raise CatalogueError(f'{self.folder}: {name}.npy cannot be read ({error}): make the '
-                                 'catalogue anew with startracker catalogue') from error
+                                 'catalogue again with startracker catalogue') from error
 
     @cached_property
     def grid(self) -> SkyGrid:
@@ -92,27 +92,27 @@ def double_precision(direction: np.ndarray) -> np.ndarray:
 
 def _description(folder: Path) -> dict:
     """Return what a folder says of itself, if its files are whole; CatalogueError."""
-    anew = 'make it anew with startracker catalogue'
+    remedy = 'make it again with startracker catalogue'
     try:
         text = (folder / DESCRIPTION).read_text()
     except OSError as error:
         what = ('no such folder' if not folder.exists() else 'not a folder, give the one that '
                 'startracker catalogue has written' if not folder.is_dir() else
-                f'no catalogue, {DESCRIPTION} is missing: {anew}')
+                f'no catalogue, {DESCRIPTION} is missing: {remedy}')
         raise CatalogueError(f'{folder}: {what}') from error
     try:
         description = json.loads(text)
         version = description['version'] if description['format'] == FORMAT else None
         sizes = description['bytes']
     except (ValueError, KeyError, TypeError) as error:
-        raise CatalogueError(f'{folder}: {DESCRIPTION} is damaged: {anew}') from error
+        raise CatalogueError(f'{folder}: {DESCRIPTION} is damaged: {remedy}') from error
     if version != VERSION:
         raise CatalogueError(f'{folder}: catalogue of version {version}, this program reads '
-                             f'{VERSION}: {anew}')
+                             f'{VERSION}: {remedy}')
     for name, size in sizes.items():
         file = folder / name
         found = file.stat().st_size if file.is_file() else 0
         if found != size:
             raise CatalogueError(f'{folder}: {name} has {found} of {size} bytes, it is not whole: '
-                                 f'{anew}')
+                                 f'{remedy}')
     return description

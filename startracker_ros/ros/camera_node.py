@@ -156,7 +156,7 @@ class CameraNode(PipelineNode):
         super().begin()
 
     def activate(self) -> None:
-        # The time without frames is no gap of the source.
+        # The time without frames is not a gap of the source.
         self._cadence = Cadence()
         self._topic_status.restart()
 

@@ -59,7 +59,7 @@ class DriverSettings:
         self.forget()
 
     def forget(self) -> None:
-        """Forget all, for images that begin anew."""
+        """Forget all, for another series of images."""
         self._stamps_ns: list[int] = []
         self._values: list[ParameterValue] = []
         self._wanted: Setting | None = None

@@ -64,7 +64,7 @@ def _name_mistakes(names: set[str], context: Any) -> list[LogInfo]:
     if _CHECKED in given:
         return []
     given[_CHECKED] = 'true'
-    mistakes = [f'{name}:= is no argument of this launch file; did you mean {near}:=?'
+    mistakes = [f'{name}:= is not an argument of this launch file; did you mean {near}:=?'
                 for name, near in _misspelt(given, names)]
     if params_file := given['params_file']:
         if not os.path.isfile(params_file):

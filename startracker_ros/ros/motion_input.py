@@ -61,7 +61,7 @@ class MotionInput:
 
     def rebuild(self, has_users: Callable[[int], bool] | None, reach_s: float) -> None:
         """
-        Begin anew with the next message; without has_users messages are ignored.
+        Restart with the next message; without has_users messages are ignored.
 
         has_users(stamp_ns) returns whether the subscribers of the images are there; reach_s is
         how far an exposure extends to either side of its stamp.
@@ -108,7 +108,7 @@ class MotionInput:
             back_s = back_ns * 1e-9
             counts[f'{TOPIC} restarts'] += 1
             node.diagnostics.report_event(
-                f'{TOPIC}: time went back by {back_s:.1f} s, the motion begins anew')
+                f'{TOPIC}: time went back by {back_s:.1f} s, the motion restarts')
             self.rebuild(self._has_users, self._reach_s)
         elif back_ns >= 0:
             counts[f'{TOPIC} out of order'] += 1

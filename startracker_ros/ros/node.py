@@ -229,7 +229,7 @@ class PipelineNode(ManagedNode):
         """
         Change all parameters or none; a rejection says what is allowed.
 
-        A value that is the current one is no change, also of a parameter that is read only.
+        Setting a parameter to its current value has no effect, also where it is read only.
         """
         changed = [p for p in parameter_list if not parameters.is_current(self, p)]
         try:

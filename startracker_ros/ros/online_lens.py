@@ -70,7 +70,7 @@ class OnlineLens:
 
     def _on_temperature(self, message: Temperature) -> None:
         if not -273.15 <= message.temperature <= 1000.0:
-            raise MessageError(f'{message.temperature:g} degC is no temperature')
+            raise MessageError(f'{message.temperature:g} degC is not a temperature')
         self._temperature_c = message.temperature
 
     def _on_centroids(self, message: PointCloud2) -> None:
@@ -90,10 +90,10 @@ class OnlineLens:
         centroids, tracks = pair
         if not len(tracks):
             return
-        vantage = self._observer.motion.at(stamp_ns).vantage
+        observer = self._observer.motion.at(stamp_ns).state
         try:
             proposal = self._calibration.add(tracked_frame(
-                camera, self._onboard, stamp_ns, centroids, tracks, vantage, self._temperature_c))
+                camera, self._onboard, stamp_ns, centroids, tracks, observer, self._temperature_c))
         except CalibrationError as error:
             self._node.diagnostics.counts['tracked frames rejected'] += 1
             self._node.diagnostics.report(WARN, f'tracks: {error}')

@@ -118,7 +118,7 @@ class Probe(Node):
         self.diagnostics += [Diagnostic(now_s, status) for status in message.status]
 
     def forget(self) -> None:
-        """Delete what was received, to observe the same nodes anew."""
+        """Delete what was received, to observe the same nodes again."""
         for messages in self.received.values():
             messages.clear()
         self.diagnostics.clear()

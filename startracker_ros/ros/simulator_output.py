@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The simulated instrument of sky_simulator, and what it publishes beside its images."""
+"""The simulated instrument of sky_simulator, and what it publishes in addition to its images."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped

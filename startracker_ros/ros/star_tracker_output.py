@@ -87,7 +87,7 @@ class TrackerStateOutput:
             diagnostics.report(WARN, f'{tracker.state.value}: {tracker.gyro_trouble}')
         elif tracker.stamp_sigma_s:
             error_ms = f'{tracker.stamp_sigma_s * 1e3:.2g} ms'
-            diagnostics.report(WARN, f'{tracker.state.value}: stamps err by {error_ms}: '
+            diagnostics.report(WARN, f'{tracker.state.value}: timestamp errors of {error_ms}: '
                                'stamp frames in the driver, at the middle of the exposure')
         else:
             diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',
@@ -146,7 +146,7 @@ def _bodies(tracker: TrackFilter, camera: Camera, stamp_ns: int) -> tuple[BodyIn
     if tracked is None:
         return ()
     return Bodies(observer.bodies).in_image(
-        SkyMapping(camera, tracked.attitude.quaternion, observer.vantage))
+        SkyMapping(camera, tracked.attitude.quaternion, observer.state))
 
 
 class TargetOutput:

@@ -54,13 +54,13 @@ def markdown_text() -> str:
         'message that names it and the closest known name. A change at run time is rejected with',
         'the same message. An accepted change takes',
         'effect with the next frame. It resets a stateful node unless the parameter is marked',
-        'live. The value that a parameter has is no change: `ros2 param load` of the own dump of',
-        'a node resets nothing.', '',
+        'live. Setting a parameter to its current value has no effect: `ros2 param load` of the',
+        'dump of a node resets nothing.', '',
         'An unknown name stops the node where it is meant for it: `-p NAME:=VALUE`,',
         '`-p NODE:NAME:=VALUE`, and in a file the key of the node. What is set for all nodes may',
         'be a parameter of another one and is a warning with the closest known name: a file under',
         '`/**`, and `SetParameter` of a launch file that includes one of this package. In a',
-        'launch file of your own that starts these nodes by itself, `SetParameter` is `-p`: give',
+        'custom launch file that starts these nodes by itself, `SetParameter` is `-p`: give',
         'what other nodes need in a file under `/**`. Parameters of rclpy (`use_sim_time`,',
         '`start_type_description_service`, `qos_overrides.*`) are known to all nodes.']
     for node in NODES:

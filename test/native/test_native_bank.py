@@ -14,7 +14,7 @@ import pytest
 from skies import CAMERA, onboard_stars
 from startracker_evaluation.campaign.integrity_motion import EPOCH_YEAR, MAGNITUDE_LIMIT
 from startracker_ros.core import native
-from startracker_ros.core.astro.aberration import Air, apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import Air, apparent_directions, state_near_earth
 from startracker_ros.core.astro.bodies import bodies_from_earth
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES
 from startracker_ros.core.identify.cache import camera_stars, STARS
@@ -133,28 +133,28 @@ def test_a_hundred_thousand_false_centroids(factor):
 
 @pytest.mark.parametrize('air', [None, Air(np.array([0.0, 0.6, 0.8]), 2.8e-4, -3e-7)])
 def test_apparent_directions(air):
-    vantage = vantage_near_earth(2026.0, np.array([3e3, 5e3, -4e3]))._replace(air=air)
+    state = state_near_earth(2026.0, np.array([3e3, 5e3, -4e3]))._replace(air=air)
     natural = np.random.default_rng(1).normal(size=(500, 3))
     # In the direction of the Sun as well.
-    natural[0] = -vantage.heliocentric_au
+    natural[0] = -state.heliocentric_au
     natural /= np.linalg.norm(natural, axis=1, keepdims=True)
     np.testing.assert_allclose(
-        native_bank.apparent(observer_struct(vantage), natural),
-        apparent_directions(natural, vantage), rtol=0, atol=1e-15)
+        native_bank.apparent(observer_struct(state), natural),
+        apparent_directions(natural, state), rtol=0, atol=1e-15)
     at_rest = np.zeros((), native.OBSERVER)
     np.testing.assert_array_equal(native_bank.apparent(at_rest, natural), natural)
 
 
-def observer_struct(vantage=None, bodies=None, max_age_s=np.inf, velocity_sigma_m_s=20.0):
+def observer_struct(state=None, bodies=None, max_age_s=np.inf, velocity_sigma_m_s=20.0):
     made = np.zeros((), native.OBSERVER)
     made['max_age_s'], made['velocity_sigma_m_s'] = max_age_s, velocity_sigma_m_s
     made['heliocentric_au'] = np.nan
-    if vantage is not None:
-        made['aberration'], made['velocity_m_s'] = 2, vantage.velocity_m_s
-        made['heliocentric_au'] = vantage.heliocentric_au
-        if vantage.air is not None:
-            made['zenith'] = vantage.air.zenith
-            made['refraction_a_rad'], made['refraction_b_rad'] = vantage.air[1:]
+    if state is not None:
+        made['aberration'], made['velocity_m_s'] = 2, state.velocity_m_s
+        made['heliocentric_au'] = state.heliocentric_au
+        if state.air is not None:
+            made['zenith'] = state.air.zenith
+            made['refraction_a_rad'], made['refraction_b_rad'] = state.air[1:]
     if bodies is not None:
         body = made['body'][:len(bodies.magnitude)]
         for name in ('direction', 'magnitude', 'radius_rad', 'error_rad'):
@@ -167,30 +167,30 @@ def test_the_sky_of_a_moving_observer(view):
     _, onboard, file = view
     sky = View(native_bank.sky_struct(file), CAMERA)
     star = np.arange(0, len(onboard), 3)
-    vantages = [vantage_near_earth(2026.0, np.array(velocity)) for velocity in (
+    states = [state_near_earth(2026.0, np.array(velocity)) for velocity in (
         [3e3, 0.0, 0.0], [3e3 + 1.0, 0.0, 0.0], [3e3 + 2.0, 0.0, 0.0])]
     bodies = bodies_from_earth(2026.0)
-    for number, vantage in enumerate(vantages):
-        sky.add_observer(10 * number, observer_struct(vantage, bodies))
+    for number, state in enumerate(states):
+        sky.add_observer(10 * number, observer_struct(state, bodies))
     versions = [sky.look(stamp_ns)[0] for stamp_ns in (0, 9, 10, 20, 35, 5)]
     # A change of 1 m/s is ignored, that of two is not; a late identification looks back.
     assert np.diff(versions).tolist() == [0, 0, 1, 0, 1]
     direction, crowded = sky.stars(star)
     np.testing.assert_allclose(direction, apparent_directions(
-        onboard.direction[star], vantages[0]), rtol=0, atol=1e-15)
+        onboard.direction[star], states[0]), rtol=0, atol=1e-15)
     near = bodies.near(onboard.direction[star], onboard.magnitude[star], onboard.crowd_rad,
                        CROWD_MAGNITUDES).any(axis=1)
     np.testing.assert_array_equal(crowded, onboard.crowded[star] | near)
     moon = np.argmax(onboard.direction[star] @ bodies.direction[7])
     assert near.any() or onboard.direction[star][moon] @ bodies.direction[7] < np.cos(0.02)
     # Too old: the velocity is unknown.
-    sky.add_observer(100, observer_struct(vantages[0], max_age_s=1.0))
+    sky.add_observer(100, observer_struct(states[0], max_age_s=1.0))
     assert sky.look(100)[1][0] == 20.0
     assert sky.look(2 * 10 ** 9)[1][0] == pytest.approx(17800, rel=1e-3)
     np.testing.assert_array_equal(sky.stars(star)[0], onboard.direction[star])
     # Of more than are kept the oldest ones are forgotten.
     for number in range(200):
-        sky.add_observer(10 ** 10 + number, observer_struct(vantages[2]))
+        sky.add_observer(10 ** 10 + number, observer_struct(states[2]))
     assert sky.look(10 ** 10 + 199)[1][0] == 20.0
 
 
@@ -280,7 +280,7 @@ def test_a_frame_that_contradicts_the_tracks(lists):
             'stt_contradicts', q / np.linalg.norm(q), covariance, max_residual_px))
 
     assert not contradicts(0.0, small) and contradicts(0.01, small)
-    # A small sigma alone, or a poor lens alone, is no contradiction.
+    # A small sigma alone, or a poor lens alone, is not a contradiction.
     assert not contradicts(0.01, 1e-3 * np.eye(3))
     assert not contradicts(0.01, small, 50.0)
 

@@ -40,8 +40,8 @@ def test_a_compiler_that_is_not_there(tmp_path):
         'native core: CXX=/no/such/g++ -v: there is no such compiler')
 
 
-def test_a_program_that_is_no_compiler(tmp_path):
-    assert failure(tmp_path, 'false').startswith('native core: false is no compiler for C++: ')
+def test_a_program_that_is_not_a_compiler(tmp_path):
+    assert failure(tmp_path, 'false').startswith('native core: false is not a compiler for C++: ')
 
 
 def test_a_compiler_that_is_too_old(tmp_path):

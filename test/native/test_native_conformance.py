@@ -143,7 +143,7 @@ def run(name, *arguments, sanitized=False):
 @pytest.mark.parametrize('name, arguments', [
     ('conformance', [FOLDER]), ('interface', []), ('fuzz', [20_000, 1]),
     ('fuzz_images', [300, 1]),
-    # An exposure that is none, which only the calls for frames look at.
+    # An invalid exposure, which only the calls for frames look at.
     ('fuzz_images', [1, 2_000_001_376]),
     ('fuzz_sky', [FOLDER, 3000, 1]), ('fuzz_tracks', [FOLDER, 300, 1]),
     # One star is left, of which lasting errors may have any effect.

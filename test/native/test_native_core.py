@@ -93,7 +93,7 @@ def test_structs_of_another_size_are_refused(monkeypatch):
     (None, 'is missing: install the package again'),
     (b'', 'is not a library of this version and machine'),
     (b'\x7fELF', 'is not a library of this version and machine')])
-def test_what_is_no_library_is_refused(tmp_path, content, reason):
+def test_what_is_not_a_library_is_refused(tmp_path, content, reason):
     path = tmp_path / 'libstartracker.so'
     if content is not None:
         path.write_bytes(content)

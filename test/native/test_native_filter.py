@@ -184,7 +184,7 @@ def test_what_is_published_is_that_of_the_record(own):
 def test_covariance_deficits_are_those_of_the_record():
     found = 0
     for *given, expected in recorded(
-            'lacking', 'covariance', 'error', 'across', 'probability', 'result'):
+            'deficit', 'covariance', 'error', 'across', 'probability', 'result'):
         same_covariance(native.covariance_deficit(*given), expected)
         found += expected.any()
     assert found
@@ -553,7 +553,7 @@ def test_a_motion_goes_on_from_a_state(own):
     assert np.isnan(own.interrupted(known).swing[:13]).all()
 
 
-def test_a_covariance_that_is_none_stays_so():
+def test_a_covariance_that_is_invalid_stays_so():
     """NaN is not replaced by the least variance of a mode."""
     motion, P = stepped(at_rest()), np.full((6, 6), np.nan)
     assert np.isnan(TRACKER.with_tails(motion, P)).all()
@@ -627,7 +627,7 @@ def test_a_gyro_has_the_errors_of_its_options():
                   0.999 * np.radians(100.0)])
 
 
-def test_a_gyro_rejects_what_is_no_rate_and_knows_when_it_was_saturated():
+def test_a_gyro_rejects_what_is_not_a_rate_and_knows_when_it_was_saturated():
     rates = np.zeros((4, 3))
     rates[1, 2], rates[2, 0] = np.nan, -np.radians(99.95)
     gyro = gyro_of([1, 2, 3, 4], rates)

@@ -291,7 +291,7 @@ def test_the_velocity_of_an_unknown_date_does_not_average_out():
         assert least < sigma.min() and sigma.max() < most
 
 
-def test_what_is_no_attitude_is_refused():
+def test_what_is_not_an_attitude_is_refused():
     heads, fused = Heads(2), np.zeros((), FUSED)
     good_q, good_P = np.array([0.0, 0.0, 0.0, 1.0]), COVARIANCE
     for q, P in (([0, 0, 0, np.nan], good_P), ([0, 0, 0, 0.9], good_P), (good_q, good_P * np.nan),
@@ -338,7 +338,7 @@ def test_any_input_does_no_harm(seed):
             np.linalg.cholesky(fused['covariance_rad2'] / np.trace(fused['covariance_rad2']))
         for number in range(3):
             heads.fusion.mount(number, heads.stamp(heads.time_s))
-            heads.fusion.learnt(number)
+            heads.fusion.estimated(number)
 
 
 def test_impossible_options_mounts_and_memory_are_refused():
@@ -378,15 +378,15 @@ def test_the_misalignment_is_about_body_axes_and_the_law_of_the_file_counts():
     np.testing.assert_allclose(misalignment, [1e-4, 2e-4, 0], atol=1e-15)
     np.testing.assert_allclose(2 * multiply(q, conjugate(mount))[:3], misalignment, atol=1e-10)
     np.testing.assert_allclose(np.diag(covariance), 1e-14 * (1 + 100) * np.ones(3))
-    learnt = fusion.learnt(1)
-    np.testing.assert_allclose(learnt['law'], mounts[1]['law'])
+    estimated = fusion.estimated(1)
+    np.testing.assert_allclose(estimated['law'], mounts[1]['law'])
     # The orbit has no terms here.
-    np.testing.assert_allclose(np.diag(learnt['law_covariance']), [1e-14] * 6 + [0.0] * 6)
-    assert not fusion.learnt(0)['has_covariance'] and fusion.learnt(0)['quaternion'] == (
+    np.testing.assert_allclose(np.diag(estimated['law_covariance']), [1e-14] * 6 + [0.0] * 6)
+    assert not fusion.estimated(0)['has_covariance'] and fusion.estimated(0)['quaternion'] == (
         pytest.approx(mount))
 
 
-def test_a_step_is_found_and_dated_and_slow_bending_is_none():
+def test_a_step_is_found_and_dated_and_slow_bending_is_not_a_step():
     rng, size = np.random.default_rng(8), np.array([3.0, -4.0, 0.0]) * ARCSEC
     tick = np.arange(1200)
     noise = ARCSEC * np.array([1, 1, 11]) * rng.standard_normal((1200, 2, 3))
@@ -405,7 +405,7 @@ def test_a_step_is_found_and_dated_and_slow_bending_is_none():
     assert (np.abs(step['size_rad'] - size) < 5 * step['sigma_rad'] + 0.1 * np.abs(size)).all()
 
 
-def test_bending_by_a_known_law_and_noise_that_grows_are_no_steps():
+def test_bending_by_a_known_law_and_noise_that_grows_are_not_steps():
     rng, tick = np.random.default_rng(7), np.arange(1500)
     temperature = 10 * np.sin(2 * np.pi * tick / 600)
     sigma = (ARCSEC * np.array([1, 1, 11])) * np.where(tick % 300 >= 270, 30, 1)[:, None]

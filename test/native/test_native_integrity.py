@@ -447,8 +447,8 @@ def test_patterns_of_rows_are_least_squares_fits():
             left @ left - rest @ rest, rel=1e-6, abs=1e-9 * chi2)
 
 
-def learnt(stays_px, seed, frames=80):
-    """Return what is learnt of stars with noise and an error that stays."""
+def estimated(stays_px, seed, frames=80):
+    """Return what is estimated of stars with noise and an error that stays."""
     run, rng = of_run(runs_with('rows/star')[0]), np.random.default_rng(seed)
     star = run['rows/star'][spans(run['rows/stars'])[2]].copy()
     lens = native_integrity.LensError(run['camera'])
@@ -462,9 +462,9 @@ def learnt(stays_px, seed, frames=80):
     return lens
 
 
-def test_noise_is_no_error_of_the_lens_and_what_stays_is():
-    assert np.mean([learnt(0.0, seed).value_px > 0 for seed in range(60)]) <= 0.02
-    values = np.array([learnt(0.2, seed).value_px for seed in range(40)])
+def test_noise_is_not_an_error_of_the_lens_and_what_stays_is():
+    assert np.mean([estimated(0.0, seed).value_px > 0 for seed in range(60)]) <= 0.02
+    values = np.array([estimated(0.2, seed).value_px for seed in range(40)])
     assert np.sqrt(np.mean(values ** 2)) == pytest.approx(0.2, rel=0.2)
 
 
@@ -510,14 +510,14 @@ def test_stamps_have_the_errors_that_they_had(name, fault):
               [1e-6, *[1e-6 * np.linalg.norm(frame[18:21])] * 3])
 
 
-def test_errors_of_stamps_are_learnt():
+def test_errors_of_stamps_are_estimated():
     run = of_run('slews to 3 deg/s, gyro')
     known = run['stamps/known'].reshape(len(STAMP_FAULTS), -1, 4)[:, :, 0]
     assert known[0].max() == 0 and 2e-3 < known[1].max() < 1e-2
 
 
 def jitter_of(sigma_s, seed, frames=60):
-    """Return what is learnt of stamps that err by so much, of a body that turns steadily."""
+    """Return the sigma estimated of such timestamp errors, of a body that turns steadily."""
     rng, jitter = np.random.default_rng(seed), native_integrity.StampJitter()
     rate, noise_rad, found = np.array([0.01, -0.015, 0.003]), 2e-6, []
     states = [np.concatenate([Rotation.from_rotvec(0.1 * k * rate).as_quat(), rate])
@@ -595,7 +595,7 @@ def test_the_sign_goes_on_from_the_attitude_before():
         assert found.numbers[:4] @ attitude[:4] == pytest.approx(sign)
 
 
-def test_a_covariance_that_is_none_is_not_published():
+def test_a_covariance_that_is_invalid_is_not_published():
     run = of_run(runs_with('tracks/star')[0])
     attitude, stars = run['tracks/attitude'][0], run['tracks/star'][spans(run['tracks/stars'])[0]]
     broken = np.diag([1e-9, np.nan, 1e-9])
@@ -618,7 +618,7 @@ def damaged(rng, array):
 
 
 @pytest.mark.parametrize('seed', range(40))
-def test_impossible_numbers_give_no_attitude_that_is_none(seed):
+def test_impossible_numbers_give_no_attitude_that_is_invalid(seed):
     rng, run = np.random.default_rng(seed), of_run(runs_with('tracks/star')[0])
     camera, options = run['camera'], trust_options(SOLVERS[seed % 4])
     stars = run['solved/star'][spans(run['solved/stars'])[0]]

@@ -88,7 +88,7 @@ def body(nodes, probe, tmp_path):
     save_mounts(mounts, tmp_path / 'mounts.yaml')
     nodes.start('attitude_fusion', {
         'mounts_file': str(tmp_path / 'mounts.yaml'),
-        'output_file': str(tmp_path / 'learnt.yaml'),
+        'output_file': str(tmp_path / 'estimated.yaml'),
         **{f'qos_overrides./{name}/frame_attitude.subscription.depth': qos.IMU.depth
            for name in HEADS}})
     for kind, topic in ((QuaternionStamped, 'attitude'), (Imu, 'attitude_imu'),
@@ -116,11 +116,11 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     assert np.any(pose.covariance) and not np.any(np.reshape(pose.covariance, (6, 6))[:3])
     probe.wait(lambda: probe.received['gyro_drift'] and probe.received['tracker_2/mount'],
                'drift and mount')
-    # What is no attitude, and what is no temperature.
-    body.run_until('is no attitude', heads=(0,), also=lambda: body.send(
+    # What is not an attitude, and what is not a temperature.
+    body.run_until('is not an attitude', heads=(0,), also=lambda: body.send(
         1, quaternion=[0.0, 0.0, 0.0, np.nan]))
     temperature = probe.advertise(Temperature, 'tracker_1/temperature', qos.LIST)
-    body.run_until('nan degC is no temperature', also=lambda: temperature.publish(
+    body.run_until('nan degC is not a temperature', also=lambda: temperature.publish(
         Temperature(temperature=float('nan'))))
     # Frames of a head that come 2 s late.
     body.run_until('frames 2.0 s behind the other heads', heads=(0,),
@@ -137,8 +137,8 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     assert error @ np.linalg.solve(hint.covariance, error) < 25
     assert np.linalg.norm(error) < 30 * ARCSEC
     answer = probe.call(Trigger, '/attitude_fusion/save_mounts', Trigger.Request())
-    assert answer.success and 'learnt.yaml' in answer.message
-    assert load_mounts(tmp_path / 'learnt.yaml', HEADS)['tracker_2'].covariance is not None
+    assert answer.success and 'estimated.yaml' in answer.message
+    assert load_mounts(tmp_path / 'estimated.yaml', HEADS)['tracker_2'].covariance is not None
     # Neither head is in use after a reset, and one is not enough.
     assert probe.call(Trigger, '/attitude_fusion/reset', Trigger.Request()).success
     reset_ns = body.stamp_ns(body.time_s)

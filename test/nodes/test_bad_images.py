@@ -98,14 +98,14 @@ def probe(extractor):
 
 @pytest.mark.parametrize('changes, words', [
     ({'encoding': 'rgb8'}, 'is too short for 512 x 512 rgb8'),
-    ({'encoding': '32FC1'}, "image encoding '32FC1' is none of mono8, mono16"),
+    ({'encoding': '32FC1'}, "image encoding '32FC1' is not one of mono8, mono16"),
     ({'is_bigendian': 1}, 'the bytes of each value are swapped, as the noise of neighbouring '
      'values says: let the driver set is_bigendian to 0'),
     ({'width': 0, 'height': 0}, 'image size 0 x 0 is empty'),
     ({'height': 4000}, 'is too short for 512 x 4000'),
     ({'width': 500}, 'does not fit camera_info'),
 ])
-def test_image_that_is_none(extractor, probe, sky, changes, words):
+def test_image_that_is_invalid(extractor, probe, sky, changes, words):
     extractor.send_until_reported(sky, words, **changes)
     assert not probe.received['centroids']
     extractor.still_works(sky)
@@ -141,7 +141,7 @@ def as_message(image, encoding):
               'bayer_gbrg8': lambda: grey, 'bayer_rggb16': lambda: image.byteswap(),
               'mono16': lambda: image.byteswap()}[encoding]()
     rows = pixels.reshape(len(pixels), -1).view(np.uint8)
-    # Rows that end with bytes which are no pixels.
+    # Rows that end with bytes which are not pixels.
     data = np.pad(rows, ((0, 0), (0, 12)), constant_values=77)
     return Image(height=len(image), width=image.shape[1], encoding=encoding,
                  is_bigendian=encoding.endswith('16'), step=data.shape[1], data=data.tobytes())
@@ -180,10 +180,10 @@ def test_encodings_of_other_drivers_have_their_stars_where_they_are(extractor, p
     ({'k': [2400.0, 0.0, 0.0, 0.0, 2400.0, 0.0, 0.0, 0.0, 1.0]},
      'camera_info: principal point (0, 0) px is not set'),
     ({'roi': RegionOfInterest(x_offset=400, width=200, height=200)}, 'is not in the image of'),
-    ({'distortion_model': 'fisheye'}, "'fisheye' is none of plumb_bob"),
+    ({'distortion_model': 'fisheye'}, "'fisheye' is not one of plumb_bob"),
     ({'width': 0}, 'image size 0 x 512'),
 ])
-def test_camera_info_that_is_none(extractor, probe, sky, changes, words):
+def test_camera_info_that_is_invalid(extractor, probe, sky, changes, words):
     info = camera_to_message(CAMERA, header(1))
     for name, value in changes.items():
         setattr(info, name, value)

@@ -105,7 +105,7 @@ def exit_of(tmp_path):
 @pytest.mark.parametrize('node', NODES)
 def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
     parameters = {'folder': str(tmp_path / 'bag')} if node == 'bag_recorder' else {}
-    # What rclpy itself knows is no mistake.
+    # What rclpy itself knows is not a mistake.
     known = ['-p', 'use_sim_time:=false', '-p', 'start_type_description_service:=false',
              '-p', 'qos_overrides./image_raw.subscription.depth:=2']
     # With the name of the node, and as it is typed at a prompt.

@@ -188,7 +188,7 @@ def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_p
     assert texts(probe, '/renamed') == [f's{number}' for number in range(seen)]
     ask(probe, 'resume')
     assert not ask(probe, 'step').success
-    # The whole bag takes two seconds; then it begins anew.
+    # The whole bag takes two seconds; then it restarts.
     probe.wait(lambda: texts(probe, '/renamed').count('s0') >= 2, 'the second time round')
     first_round = texts(probe, '/renamed')[:COUNT]
     assert first_round == STATES
@@ -229,10 +229,10 @@ def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
 
 # A bag that cannot be read is status 1, one that has nothing to play a wrong use of the command.
 @pytest.mark.parametrize('content, words, status', [
-    (b'SQLite format 2\0', "is no MCAP file: it starts with b'SQLite f'", 1),
+    (b'SQLite format 2\0', "is not an MCAP file: it starts with b'SQLite f'", 1),
     (b'SQLite format 3\0', 'is damaged: file is not a database', 1),
     (b'\x89MCAP0\r\n', 'nothing to play among no topics', 2)])
-def test_what_is_no_bag_is_refused(tmp_path, content, words, status):
+def test_what_is_not_a_bag_is_refused(tmp_path, content, words, status):
     (tmp_path / 'file.mcap').write_bytes(content)
     done = play(tmp_path / 'file.mcap')
     assert done.returncode == status

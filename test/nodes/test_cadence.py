@@ -39,7 +39,7 @@ def test_silence_depends_on_what_is_usual(cadence):
     assert slow.is_silent(240 + 301)
 
 
-def test_a_recording_played_fast_is_no_jump():
+def test_a_recording_played_fast_is_not_a_jump():
     cadence = Cadence()
     for index in range(20):
         assert cadence.arrived(index * STEP_NS, index * 0.001) == (0, 0.0)

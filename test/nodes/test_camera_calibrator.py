@@ -140,7 +140,7 @@ def test_a_camera_that_has_changed_in_flight_is_proposed_and_applied(nodes, prob
         probe.spin_for(0.01)
 
     probe.publish_until_received(temperature, Temperature(temperature=float('nan')))
-    probe.wait_diagnostic('nan degC is no temperature')
+    probe.wait_diagnostic('nan degC is not a temperature')
     probe.publish_until_received(temperature, Temperature(temperature=21.0))
 
     def mirrored(spots):
@@ -162,7 +162,7 @@ def test_a_camera_that_has_changed_in_flight_is_proposed_and_applied(nodes, prob
     assert abs(camera.fx / truth.fx - 1) < 1e-4 and applied[0] == camera
     assert load_camera(output) == camera
     probe.wait_diagnostic('camera proposed: focal changed by up to 0.3')
-    # The source has it now: what is learnt of the lens lasts.
+    # The source has it now: what is estimated of the lens lasts.
     probe.publish_until_received(info, camera_to_message(camera, header(index)))
     probe.wait_diagnostic('another camera: 1024 x 768 px')
     before = int(value(probe, 'tracked frames used'))

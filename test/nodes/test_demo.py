@@ -31,7 +31,7 @@ FRAMES = 50
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    """Run the demo for five seconds of sky time, beside another one."""
+    """Run the demo for five seconds of sky time, while another one runs."""
     output = tmp_path_factory.mktemp('demo') / 'demo'
     # What the first demo does; where this fails, somebody else has done so.
     claim_domain(0)
@@ -169,7 +169,7 @@ def test_another_star_tracker_that_comes_later_is_named(tmp_path):
             demo.await_ready()
 
 
-def test_a_folder_that_is_no_bag_is_not_touched(tmp_path):
+def test_a_folder_that_is_not_a_bag_is_not_touched(tmp_path):
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag' / 'thesis.txt').write_text('years of work')
     done = invoke('demo', '--output', str(tmp_path))

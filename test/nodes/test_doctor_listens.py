@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""startracker doctor --listen beside a running camera."""
+"""startracker doctor --listen with a running camera."""
 
 import json
 import os

@@ -32,7 +32,7 @@ NOW = ROOT / 'docs' / 'examples' / 'attitude_now.py'
 @pytest.fixture
 def run_example(nodes):
     """
-    Return a function that runs an example beside the nodes.
+    Return a function that runs an example with the nodes.
 
     It ends before them: where two leave at the same time, Fast DDS may spin for ever
     (eProsima/Fast-DDS issue 6513), from which only our nodes have an exit.

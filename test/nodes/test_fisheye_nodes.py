@@ -143,7 +143,7 @@ def test_the_nodes_track_the_sky_of_a_fisheye(nodes, probe, night):
 @pytest.mark.parametrize('night', [
     'stereographic', pytest.param('orthographic', marks=pytest.mark.long)], indirect=True)
 def test_live_tracks_the_sky_of_a_fisheye_known_or_not(night, tmp_path):
-    """The lens of the second one is learnt from its first image, given nothing."""
+    """The lens of the second one is estimated from its first image, given nothing."""
     known = night.camera_file if night.lens is LENSES['stereographic'] else None
     result = run_live(tmp_path, CaptureOptions(device=str(night.images), frame_rate_hz=RATE_HZ),
                       camera_file=known, record=True, seconds=HANGS_S)

@@ -194,7 +194,7 @@ def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
 
 
 def end_all(nodes, folder):
-    """End every node by SIGINT: with status 0, and a bag that needs no mending."""
+    """End every node by SIGINT: with status 0, and a bag that needs no repair."""
     for process in nodes.processes.values():
         process.send_signal(signal.SIGINT)
     assert {name: process.wait(HANGS_S) for name, process in nodes.processes.items()} == (

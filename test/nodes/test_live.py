@@ -94,7 +94,7 @@ def ran(video, tmp_path_factory):
     return folder, result, browser
 
 
-def test_the_lens_is_learnt_and_the_attitude_that_of_the_sky(ran):
+def test_the_lens_is_estimated_and_the_attitude_that_of_the_sky(ran):
     folder, result, _ = ran
     camera = load_camera(folder / 'camera.yaml')
     assert camera.fx == pytest.approx(1000.0, rel=0.005)
@@ -149,7 +149,7 @@ def test_the_page_shows_state_and_sky_while_it_runs(ran):
         assert (np.ptp(picture.astype(int), axis=2) > 60).sum() > 200
 
 
-def test_a_foreign_attitude_that_is_none_is_passed_over(tmp_path):
+def test_a_foreign_attitude_that_is_invalid_is_passed_over(tmp_path):
     header = make_header(1, 'icrf')
     with LiveRig(tmp_path, CAMERA) as rig:
         publisher = rig.probe.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)

@@ -61,7 +61,7 @@ def test_padded_rows_and_big_endian_images_are_read_right():
 RNG = np.random.default_rng(5)
 COLOURS = RNG.integers(0, 255, (30, 41, 4)).astype(np.uint8)
 COLOURS[3, 5], COLOURS[4, 6, 1] = (255, 255, 255, 0), 255
-"""The fourth one is no colour; two pixels are saturated, one of them in one colour."""
+"""The fourth one is not a colour; two pixels are saturated, one of them in one colour."""
 MOSAIC = RNG.integers(0, 255, (31, 42)).astype(np.uint8)
 MOSAIC_16 = RNG.integers(900, 1100, (64, 80)).astype(np.uint16)
 
@@ -88,7 +88,7 @@ def cells(mosaic):
     ('yuv422 uyvy', COLOURS[..., :2], COLOURS[..., 1]),
     ('yuv422_yuy2 yuyv', COLOURS[..., :2], COLOURS[..., 0])])
 def test_encodings_of_drivers(encodings, pixels, expected):
-    """Whole, with rows padded by bytes that are no pixels, and in both orders of bytes."""
+    """Whole, with rows padded by bytes that are not pixels, and in both orders of bytes."""
     height, width = pixels.shape[:2]
     for encoding in encodings.split():
         for order, padding in itertools.product('<>', (0, 6, 7)):
@@ -191,7 +191,7 @@ def test_a_status_is_what_rclpy_writes_and_reads(values):
     assert [tuple(value) for value in read.values] == [
         (value.key, value.value) for value in message.values]
     for end in range(4, len(status) - 1):
-        with pytest.raises(MessageError, match='are no status'):
+        with pytest.raises(MessageError, match='are not status'):
             deserialized(status[:end], DiagnosticStatus)
 
 
@@ -271,7 +271,7 @@ def test_attitude_messages_mean_what_they_say():
     assert imu.angular_velocity_covariance[0] == -1
 
 
-def test_invalid_attitude_is_flagged_and_is_no_rotation():
+def test_invalid_attitude_is_flagged_and_is_not_a_rotation():
     data = attitude_to_imu(None, HEADER)
     for imu in (deserialize_message(data, Imu), deserialized(data, Imu)):
         q = imu.orientation
@@ -306,7 +306,7 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
         assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == windowed).all()
 
 
-def test_targets_and_bodies_among_the_predictions_are_no_stars():
+def test_targets_and_bodies_among_the_predictions_are_not_stars():
     predicted = PredictedCentroids(
         1, np.array([[5.0, 6.0], [7.0, 8.0]]), np.zeros((2, 2)), np.array([0.1, 0.2]),
         np.array([11767, 0]), 1)

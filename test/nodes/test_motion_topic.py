@@ -97,9 +97,9 @@ def test_each_message_makes_an_image_at_its_stamp(simulator):
     ({'frame': 'map'}, "frame 'map' is not 'icrf'"),
     ({'child': 'base_link'}, f"child frame 'base_link' is not '{SENSOR}'"),
     ({'rate': np.array([0.0, np.nan, 0.0])}, 'position, velocity or rate is not finite'),
-    ({'q': np.full(4, np.nan)}, 'is no attitude'),
-    ({'q': np.zeros(4)}, 'is no attitude')])
-def test_a_message_that_is_no_motion_makes_no_image(simulator, change, words):
+    ({'q': np.full(4, np.nan)}, 'is not an attitude'),
+    ({'q': np.zeros(4)}, 'is not an attitude')])
+def test_a_message_that_is_not_a_motion_makes_no_image(simulator, change, words):
     images = len(simulator.stamps_ns())
     simulator.send_until_reported(words, odometry(simulator.newest_ns + STEP_NS, **change))
     simulator.newest_ns += STEP_NS

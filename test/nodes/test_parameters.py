@@ -37,7 +37,7 @@ def test_a_node_starts_with_its_own_yaml(nodes, probe):
     probe.wait(lambda: probe.count_publishers('centroids'), 'the node')
 
 
-def test_the_values_that_a_node_has_are_no_change(nodes, probe, tmp_path):
+def test_the_values_that_a_node_has_do_not_change_it(nodes, probe, tmp_path):
     """As `ros2 param load` of the node's own `ros2 param dump` sets them, one by one."""
     nodes.start('star_tracker')
     log = tmp_path / 'star_tracker.log'

@@ -55,7 +55,7 @@ def test_nodes_are_brought_up_and_again_after_they_were_killed(nodes, probe):
     probe.forget()
     probe.wait_diagnostic(f'{NODES[1]} is inactive')
     assert state(probe, NODES[1]) == 'inactive'
-    # The heartbeat continues beside other requests.
+    # The heartbeat continues during other requests.
     assert probe.call(GetParameters, f'/{NAMESPACE}/{NODES[0]}/get_parameters',
                       GetParameters.Request(names=['autostart'])).values
 

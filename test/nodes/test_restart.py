@@ -24,7 +24,7 @@ def tracker(monkeypatch):
     rclpy.try_shutdown()
 
 
-def test_messages_from_before_the_restart_are_no_other_restart(tracker):
+def test_messages_from_before_the_restart_are_not_another_restart(tracker):
     for sec in range(1, 7):
         assert tracker.in_order('imu', Time(sec=sec))
         assert tracker.in_order('centroids', Time(sec=sec))

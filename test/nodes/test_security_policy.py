@@ -172,7 +172,7 @@ def test_nobody_in_flight_is_allowed_everything_or_the_clock():
 
 def test_each_topic_of_the_pipeline_has_one_source():
     flight = profiles(FLIGHT)
-    # With several heads it runs beside their namespaces, instead of an estimator there.
+    # With several heads it runs outside their namespaces, instead of an estimator there.
     fusion = flight.pop('attitude_fusion')
     assert ('topics', 'publish') in fusion
     common = {'/diagnostics', '/parameter_events', '/rosout'}

@@ -130,7 +130,8 @@ def test_target_is_located_and_bad_input_is_named(observers):
                       quaternion=towards(ONBOARD[1], 2 * ONBOARD[1] - TARGET))
     observers.refused('observers 0 m apart', place=ONBOARD[0])
     observers.refused('do not point to one target', uv=(711.5, 511.5))
-    observers.refused('orientation [0.0, 0.0, 0.0, 0.0] is no attitude', quaternion=np.zeros(4))
+    observers.refused(
+        'orientation [0.0, 0.0, 0.0, 0.0] is not an attitude', quaternion=np.zeros(4))
     observers.refused('orientation [nan', quaternion=np.full(4, nan))
     observers.refused('is not positive', covariance=0.0)
     observers.refused("frame 'map' is not 'icrf'", frame_id='map')

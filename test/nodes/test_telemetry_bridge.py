@@ -132,7 +132,7 @@ def test_packets_hold_what_was_published(bridge: Rig, packet_of: Callable[..., b
     packet = packet_of(imu(20_000, None))
     assert space_packet.decode(packet).quaternion is None
     assert not any(space_packet.values(packet)[f'Q_{axis}'] for axis in 'XYZW')
-    # What is no attitude, or not newer: not sent at all.
+    # What is not an attitude, or not newer: not sent at all.
     last = packet_of(imu(20_001, np.full(4, np.nan)), imu(20_002, 3 * Q), imu(20_000),
                      imu(20_003))
     assert space_packet.decode(last).stamp_ns == START_NS + 20_003 * STEP_NS

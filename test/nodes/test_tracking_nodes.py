@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from skies import CAMERA, FRAME, onboard_stars, START_NS
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame
 from startracker_ros.core.astro.state import State
@@ -194,7 +194,7 @@ def test_limits_change_without_loss_of_lock(nodes, probe):
     tracking = len(states)
 
     def set_parameter(node, name, value):
-        """Set a parameter; repeated, it is no change."""
+        """Set a parameter; setting it again has no effect."""
         assert probe.call(SetParameters, f'/{node}/set_parameters', SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])).results[0].successful
     set_parameter('star_tracker', 'max_gap_s', 2.0)
@@ -299,8 +299,8 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
 
 def seen_by_a_spacecraft(velocity_m_s):
     """Return the catalogue as an observer of geocentric velocity (3,) sees it."""
-    vantage = vantage_near_earth(epoch_year_from_stamp(START_NS), velocity_m_s)
-    return replace(ONBOARD, direction=apparent_directions(ONBOARD.direction, vantage))
+    observer_state = state_near_earth(epoch_year_from_stamp(START_NS), velocity_m_s)
+    return replace(ONBOARD, direction=apparent_directions(ONBOARD.direction, observer_state))
 
 
 def sigma_arcsec(answer):

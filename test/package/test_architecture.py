@@ -57,7 +57,7 @@ def unit_of(path: Path) -> str | None:
 
 
 def unit_of_module(module: str) -> str | None:
-    """Return the entry of the map for startracker_ros.x.y, None when it is no module."""
+    """Return the entry of the map for startracker_ros.x.y, None when it is not a module."""
     package, *rest = module.split('.')
     if package not in PLACES:
         return None

@@ -169,7 +169,7 @@ def test_what_is_misspelt_is_named_once(launched, monkeypatch, tmp_path):
     # launch itself passes on what no launch file declares.
     monkeypatch.setattr(Launched, 'undeclared', {'startoffset': '5', 'map': 'moon.yaml'})
     assert launched('replay.launch.py').messages == [
-        'startracker_ros: startoffset:= is no argument of this launch file; did you mean '
+        'startracker_ros: startoffset:= is not an argument of this launch file; did you mean '
         'start_offset:=?']
 
 

@@ -44,5 +44,5 @@ def test_a_wait_without_a_limit_is_found(source):
 @pytest.mark.parametrize('source', [
     'subprocess.run([a], timeout=3)', 'subprocess.run([a], **options)', 'process.wait(HANGS_S)',
     "'x'.join(words)", 'subprocess.Popen([a])'])
-def test_a_wait_with_a_limit_is_none(source):
+def test_a_wait_with_a_limit_is_not_endless(source):
     assert unlimited(source) == []

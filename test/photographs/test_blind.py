@@ -12,7 +12,7 @@ from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, quaternion_from_pointing, random_attitude)
 from startracker_ros.photographs.blind import BlindIdentifier, LENS_ERROR
-from startracker_ros.photographs.learnt_lens import learn_lens
+from startracker_ros.photographs.estimated_lens import estimate_lens
 
 WIDTH, HEIGHT, EPOCH_YEAR = 1392, 1040, 2030.0
 SHAPE = HEIGHT, WIDTH
@@ -53,7 +53,7 @@ def test_a_field_of_any_width_is_found(identifier, fov_deg):
     for _ in range(5):
         stars, q = frame(rng, fov_deg, 15, 15)
         for attempt in identifier.identify([stars], SHAPE):
-            lens = learn_lens(attempt, LENS_ERROR)
+            lens = estimate_lens(attempt, LENS_ERROR)
             if not lens.rejected:
                 off_rad = np.linalg.norm(attitude_error(lens.attitude.quaternion, q))
                 assert off_rad < 0.01 * np.radians(fov_deg)
@@ -71,7 +71,7 @@ def test_a_narrow_field_anywhere_on_the_sky_is_found(identifier, fov_deg):
     for _ in range(10):
         stars, q = frame(rng, fov_deg, 16, 4)
         for attempt in identifier.identify([stars], SHAPE):
-            lens = learn_lens(attempt, LENS_ERROR)
+            lens = estimate_lens(attempt, LENS_ERROR)
             if not lens.rejected:
                 error = attitude_error(lens.attitude.quaternion, q)
                 # A roll is measured over the narrow field alone.
@@ -96,7 +96,7 @@ def test_a_narrow_field_far_from_the_milky_way_is_found_behind_haze(identifier):
         flux = 10 ** (-0.4 * catalog.magnitude[seen] - 1.0 * (1 - uv[seen, 0] / WIDTH))
         stars = centroids(uv[seen] + rng.normal(0, NOISE_PX, (seen.sum(), 2)), flux)
         for attempt in identifier.identify([stars.select(np.arange(40))], SHAPE):
-            lens = learn_lens(attempt, LENS_ERROR)
+            lens = estimate_lens(attempt, LENS_ERROR)
             if not lens.rejected:
                 assert np.hypot(*attitude_error(lens.attitude.quaternion, q)[:2]) < 1e-4
                 solved += 1
@@ -113,14 +113,14 @@ def test_a_cluster_is_found_in_a_field_below_a_degree(identifier, ra_deg, dec_de
     uv = camera.project(sensor)
     seen = camera.contains(uv) & (sensor[:, 2] > 0)
     stars = centroids(uv[seen], 10 ** (-0.4 * catalog.magnitude[seen]))
-    lens = learn_lens(next(identifier.identify([stars], SHAPE)), LENS_ERROR)
+    lens = estimate_lens(next(identifier.identify([stars], SHAPE)), LENS_ERROR)
     assert not lens.rejected
     assert np.hypot(*attitude_error(lens.attitude.quaternion, q)[:2]) < 1e-4
 
 
 @pytest.mark.parametrize('spots', [4, 12, 60])
 @pytest.mark.parametrize('seed', range(3))
-def test_random_spots_are_no_field(identifier, spots, seed):
+def test_random_spots_are_not_a_field(identifier, spots, seed):
     rng = np.random.default_rng(seed)
     noise = centroids(rng.uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (spots, 2)),
                       10 ** rng.uniform(2, 4, spots))

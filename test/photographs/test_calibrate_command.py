@@ -37,7 +37,7 @@ def calibrated(night_sky, tmp_path_factory):
     return json.loads(done.stdout), output
 
 
-def test_the_lens_part_of_the_residual_goes_and_it_is_no_over_fit(calibrated):
+def test_the_lens_part_of_the_residual_goes_and_it_is_not_an_over_fit(calibrated):
     """Errors of the centroids, in all residuals alike, average out over the cells of the image."""
     document, _ = calibrated
     figures = document['conditions']

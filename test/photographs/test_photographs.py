@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
+"""Photographs of uncalibrated cameras: lenses estimated, and images that show no stars."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +22,8 @@ from startracker_ros.io.output import OutputError
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.epoch_and_site import epoch_of, ObserverSite
+from startracker_ros.photographs.estimated_lens import estimate_lens
 from startracker_ros.photographs.ladder import LadderIdentifier
-from startracker_ros.photographs.learnt_lens import learn_lens
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.solve import (
     given_camera, output_names, Outputs, solve_files, Solvers)
@@ -116,7 +116,7 @@ def test_black_white_and_tiny_images_are_named(image, status):
     assert solution.identification.reason
 
 
-def test_a_thumbnail_is_no_work(monkeypatch):
+def test_a_thumbnail_is_not_solved(monkeypatch):
     """Its pixels resolve no stars: no database is built for it."""
     monkeypatch.setattr('startracker_ros.photographs.ladder.UncalibratedPyramid', None)
     rng = np.random.default_rng(1)
@@ -142,7 +142,7 @@ def test_a_field_given_with_too_coarse_pixels_is_dropped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('count', [4, pytest.param(12, marks=pytest.mark.long)])
-def test_lenses_of_all_shapes_are_learnt(count):
+def test_lenses_of_all_shapes_are_estimated(count):
     outcome = solve_lens_fields(count, 11)
     assert not outcome.wrong.any()
     # The aim of the campaign is 98 %.
@@ -157,7 +157,7 @@ def test_a_draw_of_a_lens_can_be_repeated():
 
 @pytest.mark.parametrize('given_deg', [10.95, 11.9])
 def test_a_field_of_view_told_five_percent_off(sky_data, given_deg):
-    """And each image saved as JPEG: blocks and noise of compression are no stars."""
+    """And each image saved as JPEG: blocks and noise of compression are not stars."""
     paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[::3]
     rows = solve_files(paths, fov_deg=given_deg, epoch_year=2019.57, options=WIDE).rows
     for row in rows:
@@ -298,7 +298,7 @@ def test_a_dropped_field_is_named_and_one_that_fits_is_not_dropped(any_field, sk
     assert any_field.solve(read_image(path), Camera.from_fov(1024, 768, 11.4)).dropped is None
 
 
-def test_a_header_with_a_field_too_small_for_the_catalogue_is_no_error(sky_data):
+def test_a_header_with_a_field_too_small_for_the_catalogue_is_not_an_error(sky_data):
     path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[4]
     photograph, when = read_photograph(path)._replace(fov_deg=0.2), epoch_of(2019.57)
     solution, _ = Solvers(None, None, WIDE).solve(
@@ -339,7 +339,7 @@ def test_a_fisheye_with_a_given_field_is_a_fisheye(any_field):
 
 @pytest.mark.long
 @pytest.mark.parametrize('draw', [city, random_spots])
-def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
+def test_no_field_of_view_explains_what_is_not_sky(any_field, draw):
     image = draw(np.random.default_rng(0)).clip(0, 255).astype(np.uint8)
     solution = any_field.solve(image)
     assert solution.quaternion is None
@@ -359,7 +359,7 @@ def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_d
     wide = Camera(1024, 768, 1500, 1500, 511.5, 383.5, (-0.35, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CameraError, match='folds'):
         wide.with_focal_ratio(0.5)
-    lens = learn_lens(attempt._replace(
+    lens = estimate_lens(attempt._replace(
         camera=wide,
         identification=replace(attempt.identification, focal_ratio=0.5)), 0.05)
     assert 'folds' in lens.rejected

@@ -9,7 +9,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 import numpy as np
 import pytest
-from startracker_ros.core.astro.aberration import vantage_near_earth
+from startracker_ros.core.astro.aberration import state_near_earth
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import quaternion_from_pointing, unit_from_radec
@@ -17,13 +17,13 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.photographs.sip import fit_sip, image_wcs, wcs_header, WcsError
 
 YEAR = 2026.4
-ORBIT = vantage_near_earth(YEAR, np.array([0.0, 6499.0, 3752.0]))
+ORBIT = state_near_earth(YEAR, np.array([0.0, 6499.0, 3752.0]))
 SITE = Site(48.0, 11.5, 500.0)
 
 
 def ground():
-    """Return the vantage of a camera on the ground that looks 40 deg high."""
-    return vantage_near_earth(YEAR, SITE.velocity_m_s(YEAR))._replace(air=SITE.air(YEAR))
+    """Return the state of a camera on the ground that looks 40 deg high."""
+    return state_near_earth(YEAR, SITE.velocity_m_s(YEAR))._replace(air=SITE.air(YEAR))
 
 
 def camera(fov_deg, distortion=(), centre=(0.0, 0.0), ratio=1.0):
@@ -53,15 +53,15 @@ CASES = [
     (camera(20.0, (0.05,)), None, ground())]
 
 
-@pytest.mark.parametrize('lens, pointing_deg, vantage', CASES)
-def test_astropy_has_the_pixels_of_the_camera(lens, pointing_deg, vantage):
+@pytest.mark.parametrize('lens, pointing_deg, state', CASES)
+def test_astropy_has_the_pixels_of_the_camera(lens, pointing_deg, state):
     if pointing_deg is None:
-        zenith = vantage.air.zenith
+        zenith = state.air.zenith
         ra, dec = np.arctan2(zenith[1], zenith[0]), np.arcsin(zenith[2]) - np.radians(50)
         q = quaternion_from_pointing(ra, dec, 0.3)
     else:
         q = quaternion_from_pointing(*np.radians(pointing_deg))
-    sky = SkyMapping(lens, q, vantage)
+    sky = SkyMapping(lens, q, state)
     wcs = astropy_wcs(image_wcs(sky))
     u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(-0.5, 1023.5, 37),
                                                  np.linspace(-0.5, 767.5, 23)))
@@ -76,17 +76,17 @@ def test_astropy_has_the_pixels_of_the_camera(lens, pointing_deg, vantage):
     assert np.abs(again - np.stack([u, v], -1)).max() < 0.05
 
 
-@pytest.mark.parametrize('vantage, kind', [(None, 'ZPN'), (ORBIT, 'ZPN-SIP'),
+@pytest.mark.parametrize('state, kind', [(None, 'ZPN'), (ORBIT, 'ZPN-SIP'),
                                            (ground(), 'ZPN-SIP')])
 @pytest.mark.parametrize('turned', [False, True])
-def test_a_fisheye_is_in_a_projection_that_has_its_horizon(vantage, kind, turned):
+def test_a_fisheye_is_in_a_projection_that_has_its_horizon(state, kind, turned):
     """No tangent plane has it; the corners of this image are outside of its circle."""
     lens = Camera(1024, 768, 300.0, 305.0, 516.0, 378.0, (-0.05, -0.01, 0.0, 0.0), 'equidistant')
-    zenith = (unit_from_radec(0.8, 0.7) if vantage is None or vantage.air is None else
-              vantage.air.zenith)
+    zenith = (unit_from_radec(0.8, 0.7) if state is None or state.air is None else
+              state.air.zenith)
     ra, dec = np.arctan2(zenith[1], zenith[0]), np.arcsin(zenith[2]) - 0.3
     q = quaternion_from_pointing(ra, dec, 0.2)
-    sky = SkyMapping(lens, q, vantage)
+    sky = SkyMapping(lens, q, state)
     pixels = np.stack(np.meshgrid(
         np.linspace(0, 1023, 31), np.linspace(0, 767, 23)), -1).reshape(-1, 2)
     with np.errstate(invalid='ignore'):

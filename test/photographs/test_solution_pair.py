@@ -8,7 +8,7 @@ import pytest
 from startracker_evaluation.campaign.fisheyes import (
     draw_cropped, draw_night, EPOCH_YEAR as NIGHT_YEAR)
 import startracker_ros as st
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
@@ -41,7 +41,7 @@ def image_of(camera):
     return sky.frame(0.0).image
 
 
-def off_px(solution, year, vantage=None):
+def off_px(solution, year, observer_state=None):
     """Return how far each matched star is from its pixel, by quaternion and camera alone."""
     catalog = load_catalog()
     hip = solution.identification.hip
@@ -49,8 +49,8 @@ def off_px(solution, year, vantage=None):
     order = np.argsort(catalog.hip)
     star = order[np.searchsorted(catalog.hip, hip[known], sorter=order)]
     direction = catalog.directions(year, earth_position_au(year))[star]
-    if vantage is not None:
-        direction = apparent_directions(direction, vantage)
+    if observer_state is not None:
+        direction = apparent_directions(direction, observer_state)
     uv = solution.camera.project(direction @ matrix_from_quaternion(solution.quaternion))
     return np.linalg.norm(uv - solution.centroids.uv[known], axis=1)
 
@@ -66,9 +66,9 @@ def pointing(solution):
     return unit_from_radec(*np.radians([solution.ra_deg, solution.dec_deg]))
 
 
-def check(solution, year, most_px=2.0, vantage=None):
+def check(solution, year, most_px=2.0, observer_state=None):
     assert solution.solved, solution.reason
-    off = off_px(solution, year, vantage)
+    off = off_px(solution, year, observer_state)
     assert len(off) >= 6 and np.median(off) < most_px / 3 and off.max() < most_px
     # Pointing and roll are those of the middle of an image whose lens is fitted to it.
     toward = middle(solution) if solution.fitted else rotate(solution.quaternion, [0, 0, 1.0])
@@ -86,7 +86,7 @@ def check(solution, year, most_px=2.0, vantage=None):
 def test_of_a_calibrated_camera(name):
     solution = st.solve(image_of(LENSES[name]), camera=LENSES[name], epoch=YEAR)
     assert not solution.fitted
-    check(solution, YEAR, vantage=vantage_near_earth(YEAR, np.zeros(3)))
+    check(solution, YEAR, observer_state=state_near_earth(YEAR, np.zeros(3)))
 
 
 @pytest.mark.slow
@@ -111,12 +111,12 @@ def test_with_aberration_and_a_mosaic_of_colours(sky_data):
     image = read_image(path)
     year = 2019.57
     solution = st.solve(image, 11.4, year)
-    check(solution, year, 2.0, vantage_near_earth(year, np.zeros(3)))
+    check(solution, year, 2.0, state_near_earth(year, np.zeros(3)))
     mosaic = image.astype(float)
     mosaic[::2, ::2] *= 0.7
     mosaic[1::2, 1::2] *= 0.6
     check(st.solve(mosaic.astype(np.uint16), 11.4, year), year, 3.0,
-          vantage_near_earth(year, np.zeros(3)))
+          state_near_earth(year, np.zeros(3)))
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wide lenses of which nothing is known are identified, the centre neither, and noise is none."""
+"""Wide lenses of which nothing is known are identified, without their centre, noise is not."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def test_a_part_of_an_image_is_found_wherever_its_centre_is(identifier):
     assert solved >= 5
 
 
-def test_a_lens_that_has_grown_into_a_part_of_the_image_is_no_answer(identifier):
+def test_a_lens_that_has_grown_into_a_part_of_the_image_is_not_an_answer(identifier):
     rng = np.random.default_rng(1_000_003 + 75)
     night = [draw_cropped(rng) for _ in range(13)][-1]
     # As a fisheye 23 stars of the right sky fit it to 5 px, others are 180 px off.
@@ -65,21 +65,21 @@ def test_a_lens_that_has_grown_into_a_part_of_the_image_is_no_answer(identifier)
 
 
 def test_lamps_among_the_brightest_spots_do_not_hide_a_sky(identifier):
-    # Of its 40 brightest spots 11 are none, among them the four brightest.
+    # Of its 40 brightest spots 11 are not stars, among them the four brightest.
     night = draw_night(np.random.default_rng([2, 15, 9]), 'equisolid')
     assert error_px(identifier, night) < 1.0
 
 
 @pytest.mark.parametrize('lenses', [FISHEYES, RECTILINEAR], ids=['fisheyes', 'rectilinear'])
 @pytest.mark.parametrize('kind', NO_SKIES)
-def test_spots_that_are_no_stars_have_no_lens(identifier, kind, lenses):
+def test_spots_that_are_not_stars_have_no_lens(identifier, kind, lenses):
     rng = np.random.default_rng(2)
     for _ in range(2):
         night = NO_SKIES[kind](rng)
         assert not [*identifier.identify([night.centroids], night.shape, lenses)]
 
 
-def test_few_spots_are_no_fisheye(identifier):
+def test_few_spots_are_not_a_fisheye(identifier):
     rng, (height, width) = np.random.default_rng(2), SHAPES[1]
     for _ in range(4):
         few = spots(rng.uniform(0, [width - 1, height - 1], (12, 2)), rng.uniform(size=12), 0.3)

@@ -44,20 +44,20 @@ def test_pixels_come_back_as_they_were(dtype, text):
 def test_every_cut_and_every_changed_byte_is_named():
     whole = png(image_of(np.uint8, (4, 5)))
     for length in range(len(whole)):
-        with pytest.raises(MessageError, match='too early|no PNG'):
+        with pytest.raises(MessageError, match='too early|not a PNG'):
             image_from_compressed(message_of(whole[:length]))
     for index in range(len(whole)):
         damaged = bytearray(whole)
         damaged[index] ^= 1 << index % 8
-        with pytest.raises(MessageError, match='damaged|too early|no PNG'):
+        with pytest.raises(MessageError, match='damaged|too early|not a PNG'):
             image_from_compressed(message_of(damaged))
 
 
 @pytest.mark.parametrize('data, reason', [
-    (b'', 'no PNG'),
+    (b'', 'not a PNG'),
     (cv2.imencode('.jpg', image_of(np.uint8))[1].tobytes(), 'compressed.format of the camera'),
     (png(image_of(np.uint8, (8, 8, 3))), 'not grey'),
     (png(np.zeros((2 ** 13, 2 ** 13 + 1), np.uint8)), 'above 67108864 px')])
-def test_what_is_no_grey_png_of_a_camera_is_named(data, reason):
+def test_what_is_not_a_grey_png_of_a_camera_is_named(data, reason):
     with pytest.raises(MessageError, match=reason):
         image_from_compressed(message_of(data))

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Attitude solvers beside SciPy on the same directions: time, error, true covariance."""
+"""Attitude solvers compared with SciPy on the same directions: time, error, true covariance."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

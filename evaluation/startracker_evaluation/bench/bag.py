@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags under test: damaged, read beside the mcap library, played at a pace, recorded."""
+"""Bags under test: damaged, read compared with the mcap library, played at a pace, recorded."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import os
@@ -176,7 +176,7 @@ def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Res
         'read': '100 images of 2.1 MB among 1000 rates, 50,000 messages of 20 bytes, zstd in '
                 'chunks of 1 MiB; process CPU time, traced memory at its peak',
         'pace': f'{_RATE_HZ} messages a second of 20 bytes for {_SECONDS} s, stamped by DDS when '
-                'bag_player sent them, beside the times of the recording',
+                'bag_player sent them, next to the times of the recording',
         'record': '1024 x 1024 px, mono16 (12 bit), 12 deg field; process CPU time',
         'seed': seed})
 

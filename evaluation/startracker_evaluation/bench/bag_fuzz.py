@@ -110,7 +110,7 @@ def examine(path: Path) -> bool:
     """
     Read a file in every way; return whether strict reading rejected it.
 
-    Raises every exception that is no BagError.
+    Raises every exception that is not a BagError.
     """
     rejected = False
     try:
@@ -129,7 +129,7 @@ def examine(path: Path) -> bool:
             raise AssertionError('rejected by strict reading, but no problem was reported')
         describe(path)
     except BagError as error:
-        if 'is no MCAP file' not in str(error):
+        if 'is not an MCAP file' not in str(error):
             raise
     return rejected
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Centroids beside sep, photutils and tetra3rs on the same images: time, stars found, error."""
+"""Centroids of the same images by sep, photutils, tetra3rs: time, stars found, error."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The JPDA filter beside Stone Soup on the same measurements: time, error, swapped tracks."""
+"""The JPDA filter compared with Stone Soup: time, error, swapped tracks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence

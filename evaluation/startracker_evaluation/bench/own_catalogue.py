@@ -189,7 +189,7 @@ def image_of_sky(catalogue: TiledCatalogue, fov_deg: float, rng: np.random.Gener
 
 
 def random_spots(rng: np.random.Generator) -> Centroids:
-    """Return an image that is no sky."""
+    """Return an image that is not sky."""
     count = int(rng.integers(10, _MOST_STARS))
     uv = rng.uniform(-0.5, [WIDTH - 0.5, HEIGHT - 0.5], (count, 2))
     return _centroids(uv, rng.uniform(10, _FAINTEST, count), rng)

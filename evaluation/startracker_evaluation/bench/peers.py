@@ -49,7 +49,7 @@ class Database:
 
 
 class Solver(ABC):
-    """Finds attitudes of one camera, whose focal length may be off."""
+    """Finds attitudes of one camera, whose focal length is uncertain."""
 
     @abstractmethod
     def build(self, view: View, camera: Camera, fov_error_percent: float = 0.5) -> None:

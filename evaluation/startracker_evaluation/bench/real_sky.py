@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Photographs with known answers: ours beside tetra3rs, cedar-solve and astrometry.net.
+Photographs with known answers: ours compared with tetra3rs, cedar-solve and astrometry.net.
 
 Each solver is given the field of view with an error of up to 5 %, drawn for each image. Every
 solver of star lists gets the stars of every detection: `nodes` is the list that nodes and `solve

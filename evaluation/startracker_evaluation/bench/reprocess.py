@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Throughput of reprocessing: frames a second, reading beside a plain read, two workers."""
+"""Throughput of reprocessing: frames a second, reading compared with a plain read, two workers."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Smoothed attitudes beside those of the star tracker, on simulated flights."""
+"""Smoothed attitudes compared with those of the star tracker, on simulated flights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

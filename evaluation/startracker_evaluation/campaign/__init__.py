@@ -1,4 +1,4 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Campaigns: the published tables repeated, the paper's figure beside ours."""
+"""Campaigns: the published tables repeated, the paper's figure compared with ours."""

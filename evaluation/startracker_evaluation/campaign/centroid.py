@@ -189,7 +189,7 @@ def conclusions(scatter: dict[tuple[str, str], float]) -> dict[str, bool]:
 
 def _rows(scatter: dict[tuple[str, str], float], drawn: Sequence[dict[str, bool]]
           ) -> Iterator[PaperRow]:
-    """Yield the scatter of each weight, that of our fit beside it, and what the paper says."""
+    """Yield the scatter of each weight, that of our fit next to it, and what the paper says."""
     for name, factor in FACTORS.items():
         fit = 1e6 * scatter['gaussian', name]
         for method in WEIGHTS:

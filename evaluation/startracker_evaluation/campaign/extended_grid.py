@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Extended grids in a narrow field over the whole sky, beside the published figures.
+Extended grids in a narrow field over the whole sky, compared with the published figures.
 
 Qian, Sun, Cai, Huang: 10000 random directions a figure.
 """

@@ -7,7 +7,7 @@ Simulated nights of unknown lenses, mostly fisheyes: how many are solved, and wh
 Each draw has a lens of its own: one of five projections, a circle of 100 to 190 deg, off centre
 and partly cropped, in an image of one of three shapes. Its axis is up to 75 deg from the zenith.
 It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the Moon, dimmed by the
-air, with a noise of 0.3 to 1 px, and 30 spots that are none: the Moon, lamps along the horizon,
+air, with a noise of 0.3 to 1 px, and 30 false detections: the Moon, lamps along the horizon,
 the rest anywhere. A cropped image is a part, anywhere, of one of a distorted rectilinear lens. The
 solver of photographs is given the star list and the shape of the image, nothing else. Lists
 without a sky, and mirrored and shuffled nights, must have no answer.
@@ -287,6 +287,6 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                  'anywhere',
         'given': 'nothing',
         'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
-        'accepted': 'any answer to spots that are no sky',
+        'accepted': 'any answer to spots that are not sky',
         'times': 'process CPU time of all searches, with the databases there',
         'trials': trials, 'seed': seed})

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Identification by Hausdorff distance beside the published figures.
+Identification by Hausdorff distance compared with the published figures.
 
 Zahednamazi, Toloei, Ghasemi 2023: 200 directions at each of four magnitude limits.
 """
@@ -41,7 +41,7 @@ _PYRAMID_CORRECT = 95.8
 _PART_TRIALS = 50
 # Fewer directions show nothing against the paper's steps of half a percent.
 _LEAST_TRIALS = 200
-# Limits of figures 10 and 11 beside those of the tables.
+# Limits of figures 10 and 11 and those of the tables.
 _FAINTLESS = 4.0, 4.5
 _SLOW_FRAMES = 20
 
@@ -448,7 +448,7 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
                 'magnitudes put 3 to 16 stars more within a limit than the paper has',
         '% of answered': "the paper's correct share of its answers less three standard errors of "
                          'its 200 draws',
-        'misprints': '10.15 and 0.15 % are no shares of 200 directions',
+        'misprints': '10.15 and 0.15 % are not shares of 200 directions',
         'times': 'process CPU time of one thread after warm-up, mean; the paper used MATLAB, so '
                  'its times bind nothing. Our Pyramid is compiled code, the nearest set is NumPy '
                  'with some 0.2 ms of calls: that is why it is not faster here, as in the paper',

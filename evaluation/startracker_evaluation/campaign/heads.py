@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Several heads fused: accuracy beside its bounds, consistency, mounts, faults."""
+"""Several heads fused: accuracy compared with its bounds, consistency, mounts, faults."""
 
 from collections.abc import Callable, Sequence
 import time
@@ -353,7 +353,7 @@ def steps(seed: int) -> list[float]:
     """
     Return s until a step is found, error of its date in s and of its size in arcsec.
 
-    Then the number of steps found that are none.
+    Then the number of false steps.
     """
     scene = Scene(2400.0, period_s=0.4, step_arcsec=5.0, step_s=1201.0)
     run, fusion = _begun(scene, _LEARNT, seed)
@@ -487,7 +487,7 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
     return [Row('step of 5 arcsec: found after, at most', found_s, 's', most=600),
             Row('step of 5 arcsec: error of its date', date_s, 's', most=60),
             Row('step of 5 arcsec: error of its size', size, 'arcsec'),
-            Row('steps found that are none', false, 'steps', exactly=0)]
+            Row('false steps found', false, 'steps', exactly=0)]
 
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,

@@ -77,7 +77,7 @@ class Scene:
 
 
 class Outcome(NamedTuple):
-    """A fused attitude beside the truth (4,), and the true misalignments (heads, 3) rad."""
+    """A fused attitude next to the truth (4,), and the true misalignments (heads, 3) rad."""
 
     fused: FusedAttitude
     truth: np.ndarray

@@ -141,7 +141,7 @@ IMAGE_CONDITIONS = {
     'defocus': ImageCondition(detector=DetectorOptions(psf_sigma_px=2.5), needed_percent=95.0),
     'defocus, ring of 3 px': ImageCondition(
         detector=DetectorOptions(defocus_ring_px=3.0), needed_percent=95.0),
-    'stamps that err by 5 ms': ImageCondition(
+    'timestamp errors of 5 ms': ImageCondition(
         0.3, artefacts=ArtefactOptions(stamp_jitter_ms=5.0), needed_percent=95.0),
     'stray light': ImageCondition(
         detector=DetectorOptions(stray_light_e=8_000.0), needed_percent=95.0),
@@ -251,7 +251,7 @@ NEES_BOUNDS = 1.5, 3.8
 """
 Bounds of the mean normalised squared error of 3 axes, of the supported conditions.
 
-The lower one leaves room for motions that may begin in any frame, which the covariance contains.
+The lower one allows for motions that may begin in any frame, which the covariance contains.
 Only the upper one holds where the camera is shaken within an exposure, or line_time_us is wrong:
 what the covariance adds for that is not an error of each frame.
 """

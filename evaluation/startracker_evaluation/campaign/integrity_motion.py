@@ -44,7 +44,7 @@ LINE_TIME_S = 80e-6  # 82 ms from the first row to the last
 @dataclass(frozen=True)
 class MotionCondition:
     """
-    A motion beside a steady turn, of frames step_s apart and exposed for exposure_s.
+    A motion other than a steady turn, of frames step_s apart and exposed for exposure_s.
 
     kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
     exposure. stamp_s is the error of the stamps, 1 sigma; line_time_s the delay of each row of a
@@ -153,7 +153,7 @@ _CONDITIONS = {
     **{f'line time {100 * error:+g} %, {rate:g} deg/s': MotionCondition(
         'sway', 0.0, 1.0, line_time_s=LINE_TIME_S, line_time_error=error, steady_deg_s=rate,
         needed_percent=0.0) for error, rate in ((0.1, 0.2), (0.1, 1.0), (-0.1, 1.0))},
-    'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
+    'timestamp errors of 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
 
 MOTION_CONDITIONS = {f'list, {name}': condition for name, condition in _CONDITIONS.items()}

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Attitude of four tracked stars by SNA, JPDAF and coupled, beside the published figures.
+Attitude of four tracked stars by SNA, JPDAF and coupled, compared with the published figures.
 
 Sadeghi, Sabahi, Saberali.
 """

@@ -22,8 +22,8 @@ from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import multiply, random_attitude, rotate
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.estimated_lens import estimate_lens, EstimatedLens
 from startracker_ros.photographs.ladder import Attempt, LadderIdentifier
-from startracker_ros.photographs.learnt_lens import learn_lens, LearntLens
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.parallel import parallel_trials
@@ -115,14 +115,14 @@ def solve_lens_fields(trials: int, seed: int) -> LensOutcome:
     return LensOutcome(*(np.array(column) for column in zip(*rows)))
 
 
-def accepted_lens(attempts: Iterable[Attempt], error: float) -> LearntLens | None:
-    """Return the first lens accepted of solved attempts, None for none; error as learn_lens()."""
-    lenses = (learn_lens(attempt, error) for attempt in attempts
+def accepted_lens(attempts: Iterable[Attempt], error: float) -> EstimatedLens | None:
+    """Return the first lens accepted of solved attempts, or None; error as estimate_lens()."""
+    lenses = (estimate_lens(attempt, error) for attempt in attempts
               if attempt.identification.attitude is not None)
     return next((lens for lens in lenses if not lens.rejected), None)
 
 
-def middle_of(lens: LearntLens | None) -> np.ndarray | None:
+def middle_of(lens: EstimatedLens | None) -> np.ndarray | None:
     """Return the direction (3,) of the middle of an image, None if it is not solved."""
     return None if lens is None else rotate(
         multiply(lens.attitude.quaternion, lens.camera.middle_axes), [0.0, 0.0, 1.0])

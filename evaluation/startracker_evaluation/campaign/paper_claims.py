@@ -126,7 +126,7 @@ _GRID = Paper(
         Claim('figure 9', 'separations of stars: 0.17, 0.67 and 1.02 %', r'^separations',
               picture='figure_09', why='within 0.15 %: the closest doubles are one star or two, '
               'by the catalogue'),
-        Claim('figure 10', 'success over position noise, beside the extended-image method',
+        Claim('figure 10', 'success over position noise, compared with the extended-image method',
               r'^success (of triangles|lost).*(1 px|0\.35 px)', picture='figures_10_11',
               why='the paper prints curves: ours lose less than those of the triangles'),
         Claim('figure 11', 'success over magnitude noise',

@@ -23,7 +23,7 @@ from startracker_ros.tools.figures.machine import origin
 CAMPAIGNS = tuple(name for paper in PAPERS for name in paper.campaigns)
 
 PAGE, RESULTS, PICTURES = 'papers.md', 'results', 'pictures/papers'
-"""The page, and the folders of the results and of the pictures beside it."""
+"""The page, and the folders of the results and of the pictures next to it."""
 
 _LEAST_TRIALS = {'two-satellite': 1000}
 
@@ -108,7 +108,7 @@ def write_page(folder: Path) -> list[ClaimRow]:
             'Written by `startracker campaign papers`, from the results in '
             f'[{RESULTS}]({RESULTS}): do not edit. Each campaign prints the figure of the paper, '
             "that of the paper's method in our implementation (as_published), and ours beyond it; "
-            'holds says whether the bound beside them does.', '', *_summary(rows), '']
+            'holds says whether the bound next to them does.', '', *_summary(rows), '']
     (folder / PAGE).write_text('\n'.join([*head, *sections]).rstrip() + '\n')
     return rows
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Quad identification along an orbit and over the whole sky, beside the published figures.
+Quad identification along an orbit and over the whole sky, compared with the published figures.
 
 Yuan, Zhang, Shi 2017: 300 consecutive simulated images, in initial and in tracking mode.
 """
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from startracker_evaluation.campaign.centroid import (
     EPOCH_YEAR as NIGHT_EPOCH_YEAR, known_attitude, solutions)
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -135,9 +135,9 @@ def _frame(q: np.ndarray, velocity_m_s: np.ndarray, before: np.ndarray | None,
            rng: np.random.Generator) -> tuple[tuple, np.ndarray | None]:
     """Return one row of Frames, and the attitude found, which predicts the next frame."""
     identifier = _identifier()
-    vantage = vantage_near_earth(EPOCH_YEAR, velocity_m_s)
+    observer_state = state_near_earth(EPOCH_YEAR, velocity_m_s)
     onboard = identifier.onboard
-    apparent = replace(onboard, direction=apparent_directions(onboard.direction, vantage))
+    apparent = replace(onboard, direction=apparent_directions(onboard.direction, observer_state))
     centroids, hip = star_list(apparent, CAMERA, q, SIGMA_PX, rng)
     field = identifier.field_stars(centroids)
     published_s, (star, quaternion) = cpu_timed(published, identifier, field)
@@ -278,7 +278,7 @@ def real_frames(folder: Path, epoch_year: float) -> tuple[np.ndarray, np.ndarray
     Return times in ms, solved and right, each (F, 3), of the real images of a folder.
 
     Columns are the paper's steps, the method of the node lost in space, and the same near an
-    attitude that is _MOVED_DEG off, for the images are no sequence. Those that nobody solved
+    attitude that is _MOVED_DEG off, for the images are not a sequence. Those that nobody solved
     are left out.
     """
     rows = []
@@ -320,7 +320,7 @@ def _is_right(quaternion: np.ndarray, known: dict[str, str]) -> bool:
 def real_rows(case: str, rich: bool, times_ms: np.ndarray, solved: np.ndarray, right: np.ndarray
               ) -> Iterator[PaperRow]:
     """
-    Yield the rows of real_frames(), both modes beside the paper's downlinked images.
+    Yield the rows of real_frames(), both modes compared with the paper's downlinked images.
 
     Where they are not rich, with fewer stars than those of the paper, its method is not bound.
     """

@@ -64,7 +64,7 @@ def run_soak_campaign(*, frames: int, seed: int) -> Result:
                     f'{CAMERA.height} px, stamps of 10 Hz, sent as fast as processed, '
                     f'{IN_FLIGHT} in flight',
         'recorder': f'all topics but the images, files of {BAG_FILE_MB:g} MB',
-        'times': 'medians of the last tenth of the run, beside those of the first',
+        'times': 'medians of the last tenth of the run, compared with those of the first',
         'memory': 'private pages of the process; growth by a straight line after the first '
                   'tenth of the run, error 2 sigma; the sum of growth and error is bounded',
         'seed': seed})

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A target located by two satellites under four sources of error, beside the published figures.
+A target located by two satellites under four sources of error, and the published figures.
 
 Gao and Cui 2016.
 """

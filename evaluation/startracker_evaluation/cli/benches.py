@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The group bench: speed and accuracy beside peers and bounds."""
+"""The group bench: speed and accuracy compared with peers and bounds."""
 
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from startracker_ros.tools.cli.shared import (
 
 @click.group(cls=Commands)
 def bench() -> None:
-    """Measure speed and accuracy beside peers and physical bounds."""
+    """Measure speed and accuracy compared with peers and physical bounds."""
 
 
 _bench = partial(measurement, bench)
@@ -43,7 +43,7 @@ _bench('pipeline', 'bench.pipeline:run_pipeline_bench',
 def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python: str | None,
                         scheduler: str, trials: int, seed: int, only: tuple[str, ...],
                         as_json: bool) -> None:
-    """Identification beside tetra3rs and cedar-solve, on the same frames."""
+    """Identification compared with tetra3rs and cedar-solve, on the same frames."""
     from startracker_evaluation.bench.corpus import ALL_CELLS, CELLS, VIEWS
     from startracker_evaluation.bench.lost_in_space import DATABASE, run_lost_in_space_bench
     from startracker_evaluation.bench.peers import PeerError
@@ -67,7 +67,7 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
 @json_option
 def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: int,
                    as_json: bool) -> None:
-    """Photographs in FOLDERS with a solutions.csv beside them, ours beside peers."""
+    """Photographs in FOLDERS with a solutions.csv, ours compared with peers."""
     from startracker_evaluation.bench.peers import PeerError
     from startracker_evaluation.bench.real_sky import FolderError, run_real_sky_bench
     with usage_error_on(FolderError), exit_1_on(PeerError):
@@ -76,7 +76,7 @@ def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: in
 
 
 _bench('identification', 'bench.identification:run_identification_bench',
-       'Frames left unidentified: close pairs resolved, joined or missed, many false spots.',
+       'Frames left unidentified: close pairs resolved, joined or missed, many false detections.',
        trials_option(10_000, 'Frames of each camera and model of close pairs.'),
        only_option('Cases'), scheduler_option, known='ALL_CASES')
 _bench('own-catalogue', 'bench.own_catalogue:run_own_catalogue_bench',
@@ -87,14 +87,14 @@ _bench('own-catalogue', 'bench.own_catalogue:run_own_catalogue_bench',
        click.option('--folder', type=click.Path(path_type=Path), metavar='FOLDER',
                     help='Where the catalogue is kept for other runs.'), known='CASES')
 _bench('bag', 'bench.bag:run_bag_bench',
-       'Damaged bags, reading beside the mcap library, pace of a playback, cost of recording.',
+       'Damaged bags, reading by the mcap library too, pace of a playback, cost of recording.',
        click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
                     metavar='N', help='Damaged bags to read.'),
        click.option('--only', multiple=True,
                     type=click.Choice(['damage', 'read', 'pace', 'record']),
                     help='Parts to run.'))
 _bench('centroid', 'bench.centroid:run_centroid_bench',
-       'Time, stars found and error of centroids beside sep, photutils and tetra3rs.',
+       'Time, stars found and error of centroids compared with sep, photutils and tetra3rs.',
        trials_option(100, 'Images of each signal to noise ratio.'),
        click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000), metavar='SNR',
                     help='Signal to noise ratios of the stars.  [default: 7, 10, 30, 100, 300]'))
@@ -105,19 +105,19 @@ _bench('aberration', 'bench.aberration:run_aberration_bench',
        'Error of attitudes in ICRF over a year of epochs, in all directions and orbits.',
        trials_option(1200, 'Images with odometry, and without.'))
 _bench('jpda', 'bench.jpda:run_jpda_bench',
-       'Time, error and swapped tracks of the JPDA filter beside Stone Soup.',
+       'Time, error and swapped tracks of the JPDA filter compared with Stone Soup.',
        trials_option(5, 'Runs of each scene.'),
        click.option('--scene', 'scenes', multiple=True,
                     type=click.Choice(['apart', 'crossing', 'close']), help='Scenes to run.'),
        click.option('--tracks', multiple=True, type=click.IntRange(2, 500), metavar='N',
                     help='Numbers of tracks.  [default: 4, 10, 20, 40, 100, 200]'))
 _bench('attitude', 'bench.attitude:run_attitude_bench',
-       "Time, error and covariance of the attitude solvers beside SciPy's align_vectors.",
+       "Time, error and covariance of the attitude solvers compared with SciPy's align_vectors.",
        trials_option(2000, 'Draws of each number of vectors.'),
        click.option('--vectors', multiple=True, type=click.IntRange(2, 1000), metavar='N',
                     help='Numbers of vectors.  [default: 4, 20, 40]'))
 _bench('reprocess', 'bench.reprocess:run_reprocess_bench',
-       'Frames a second of reprocessing, reading beside a plain read, one and two workers.',
+       'Frames a second of reprocessing, reading compared with a plain read, one and two workers.',
        trials_option(6000, 'Frames of the recording.', least=1200), only_option('Cases'),
        known='CASES')
 _bench('constellation', 'bench.constellation:run_constellation_bench',

@@ -16,7 +16,7 @@ from startracker_ros.tools.cli.shared import (
 
 @click.group(cls=Commands)
 def campaign() -> None:
-    """Repeat the published tables, the paper's figure beside ours."""
+    """Repeat the published tables, the paper's figure compared with ours."""
 
 
 @campaign.command('papers')
@@ -111,10 +111,10 @@ _campaign('fisheyes', 'campaign.fisheyes:run_fisheyes_campaign',
           only_option('Kinds'),
           scheduler_option, known='KINDS', kind='kind')
 _campaign('sub-frames', 'campaign.sub_frames:run_sub_frames_campaign',
-          'Attitudes at 160 Hz out of frames at 10 Hz of a rolling shutter, beside their bound.',
+          'Attitudes at 160 Hz out of frames at 10 Hz of a rolling shutter, and their bound.',
           trials_option(40, 'Runs of 120 frames of each motion.'), scheduler_option)
 _campaign('heads', 'campaign.heads:run_heads_campaign',
-          'Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads.',
+          'Several heads fused: bounds, consistency, mounts estimated in flight, faulty heads.',
           trials_option(50, 'Runs of 2000 frames for each figure, a 25th of them for learning '
                         'mounts.'),
           only_option('Tasks'), scheduler_option, known='TASKS', kind='task')

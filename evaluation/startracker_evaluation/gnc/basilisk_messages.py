@@ -86,5 +86,5 @@ def _finite(vector: np.ndarray, name: str, length: int) -> np.ndarray:
 def _unit(q: np.ndarray) -> np.ndarray:
     q = _finite(q, 'quaternion', 4)
     if not abs(np.linalg.norm(q) - 1) < 1e-6:
-        raise MeasurementError(f'quaternion {q.tolist()} is no attitude: its norm is not 1')
+        raise MeasurementError(f'quaternion {q.tolist()} is not an attitude: its norm is not 1')
     return q

@@ -26,7 +26,7 @@ class NavigationOptions:
     is the error of the time tags; the rate times it is added to the error of the attitude: the
     rate of the state, as that of a tracker follows the error of the tags. A
     propagated attitude ends with sigma_max_rad on any axis or after hold_max_s. After
-    rejected_max measurements in a row that do not fit, the filter begins anew with the next.
+    rejected_max measurements in a row that do not fit, the filter restarts with the next.
     """
 
     acceleration_rad_s2: float = 2e-6
@@ -62,10 +62,10 @@ class Navigation:
 
     Markley and Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 6.2,
     with Euler's equation in place of a gyro: J w' = torque - w x (J w + h) + J d. A measurement
-    that is not trusted is none: the attitude is then propagated. state is None before the first
+    that is not trusted is not used: the attitude is propagated. state is None before the first
     measurement, and when the propagation has ended.
 
-    rejected counts the measurements that the gate rejected, restarts how often it began anew.
+    rejected counts the measurements that the gate rejected, restarts its restarts.
     """
 
     def __init__(self, inertia_kg_m2: np.ndarray,

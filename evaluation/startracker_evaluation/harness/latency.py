@@ -130,7 +130,7 @@ class TimedPipeline(Rig):
         The first are those of attitudes, the second those of all frames that were processed.
         HarnessError when there are none.
         """
-        # A source begins anew when a parameter changes: another run of equal values would not.
+        # A source restarts when a parameter changes: another run of equal values would not.
         count += count == self._frame_count
         self._frame_count = count
         self._result_ns.clear()

@@ -27,7 +27,7 @@ Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
     return P;
 }
 
-bool common_error(const st_centroid *centroids, int count, Covariance2 &common) {
+bool correlated_error(const st_centroid *centroids, int count, Covariance2 &common) {
     const st_centroid *largest = nullptr;
     bool any = false;
     for (const st_centroid *one = centroids; one < centroids + count; ++one) {

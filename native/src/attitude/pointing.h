@@ -29,7 +29,7 @@ inline bool is_finite(const Covariance2 &R) {
 }
 
 /// Fill in the covariance px^2 of the error that all centroids (count) share; false without one.
-bool common_error(const st_centroid *centroids, int count, Covariance2 &common);
+bool correlated_error(const st_centroid *centroids, int count, Covariance2 &common);
 
 /// Return the angle of a pixel at the centre, the mean of both axes.
 inline double pixel_angle(const Lens &lens) {

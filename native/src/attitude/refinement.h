@@ -53,7 +53,7 @@ inline Matrix3 symmetric(Matrix3 F) {
 Matrix3 information(const Vector3 *directions, const double *weight, int count);
 
 /// Return the inverse of a Fisher information (Shuster and Oh, J. Guid. Control 4, 1981, eq. 98);
-/// determinant 0 where by MIN_GAP the rotation is not observable, and P is no inverse.
+/// determinant 0 where by MIN_GAP the rotation is not observable, and P is not an inverse.
 Covariance inverse_information(const Matrix3 &F);
 
 /// Refine a matrix to ICRF in place to the best fit, by at most so many steps of Gauss and Newton on

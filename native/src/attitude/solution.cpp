@@ -41,7 +41,7 @@ bool is_finite(const Vector3 &v) {
 
 /// Return a direction as unit vector; zero stays.
 Vector3 unit(const Vector3 &v) {
-    // Divided by the largest first: the squares of huge or tiny ones are no numbers.
+    // Divided by the largest first: the squares of huge or tiny ones are not numbers.
     const double largest = std::fmax(std::fmax(std::fabs(v[0]), std::fabs(v[1])), std::fabs(v[2]));
     if (!(largest > 0)) {
         return v;

@@ -106,7 +106,7 @@ bool fits(const Search &search, int32_t row, const double side[3]) {
     return std::fabs(s - 1) <= search.verifier.scale_error + search.gate / side[0];
 }
 
-/// Whether a star about a triangle meets a spot beside those of base.
+/// Whether a star about a triangle meets a spot in addition to those of base.
 bool has_vote(const Search &search, const SpotMap &spots, const int32_t base[3],
               const int32_t star[3]) {
     const Patterns &sky = search.verifier.sky;

@@ -7,7 +7,7 @@ namespace st {
 namespace {
 
 constexpr double ANGLE_STEP_RAD = 1.0 / 256;
-// The largest angle of a pixel to the optical axis: straight back is no direction.
+// The largest angle of a pixel to the optical axis: straight back is not a direction.
 constexpr double LARGEST_RAD = 175 * M_PI / 180;
 // Errors of an inverse in focal lengths: none, and the largest one.
 constexpr double EXACT = 1e-14, LARGEST_ERROR = 1e-9;

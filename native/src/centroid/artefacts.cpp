@@ -13,12 +13,11 @@
 namespace st {
 namespace {
 
-constexpr int LARGE_PX = 120;  // across; the longest streak of a star is shorter
-constexpr int LARGE_PEAKS =
-    30;  // on lines and discs, from which on these are taken out as a whole
+constexpr int LARGE_PX = 120;    // across; the longest streak of a star is shorter
+constexpr int LARGE_PEAKS = 30;  // on lines and discs, from which on these are removed as a whole
 constexpr double LARGE_SIGMAS = 3.0;  // above the background
 constexpr int MARGIN_PX = 3;          // around something large, where its flux falls below that
-constexpr double MOST_SHARE = 0.6;    // of the image; more is no artefact in a field of stars
+constexpr double MOST_SHARE = 0.6;    // of the image; more is not an artefact in a field of stars
 
 struct Box {
     int left, right, top, bottom;

@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What contaminates an image is taken out of it: hits of particles, trails, columns and discs.
+// What contaminates an image is removed: hits of particles, trails, columns and discs.
 
 #pragma once
 
@@ -28,7 +28,7 @@ Contamination find_contamination(const Frame &frame);
 /// Return an image without what contaminates it, in the arena, and add the pixels of hits to the
 /// rejections.
 ///
-/// mesh is its background, sigma_px the width of its stars. What is taken out gets the level of the
+/// mesh is its background, sigma_px the width of its stars. What is removed gets the level of the
 /// background.
 Image cleaned(const Image &image, const Mesh &mesh, const Contamination &contamination,
               double sigma_px, Rejections &rejections, Arena &arena);

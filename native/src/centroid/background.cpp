@@ -236,7 +236,7 @@ void measure(const Image &image, const Kernel &kernel, Mesh &mesh, Arena &arena)
     mesh.median_noise = median_inside(mesh, mesh.noise, arena);
 }
 
-/// Whether the level of many tiles is no plane between those around them.
+/// Whether the level of many tiles is not a plane between those around them.
 bool is_bent(const Mesh &mesh) {
     const int width = mesh.columns + 2;
     int bent = 0;

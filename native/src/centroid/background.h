@@ -79,7 +79,7 @@ size_t most_tiles(int width, int height);
 /// The smoothed image is measured because averaging undoes the quantisation that makes the MAD of
 /// an 8-bit image 0 or 1, and because correlated noise then counts with its effect on a star. Where
 /// the noise is skewed, as in a camera whose background is cut off at zero, the MAD is scaled up to
-/// the upper tail, which makes the false stars. Tiles are halved where the level is no plane
+/// the upper tail, which makes the false stars. Tiles are halved where the level is not a plane
 /// between their middles, as in a glare: what it leaves would count as noise.
 Mesh measure_background(const Image &image, const Kernel &kernel, double *level, double *noise,
                         Arena &arena);

@@ -37,7 +37,7 @@ struct Limits {
 };
 
 /// Ring buffers of a search down the image; row v is at v modulo their length. image (2 r + 1, W);
-/// down (3, W + 2 r): filtered along the columns, r px longer on each side. smooth (3, W) is no
+/// down (3, W + 2 r): filtered along the columns, r px longer on each side. smooth (3, W) is not a
 /// ring: rows v - 1, v, v + 1 filtered along both axes, where needed.
 struct Rows {
     float *image[2 * MOST_WEIGHTS];
@@ -78,7 +78,7 @@ ST_CLONES uint16_t load_row(const uint16_t *__restrict row, int width, float *__
 
 /// Whether in count values from line on one reaches least + margin, or the mean of two neighbours
 /// least - below. One comparison does both: a pixel is added to its neighbour, which counts as no
-/// less than what a pixel of least + margin needs beside it.
+/// less than what a pixel of least + margin needs next to it.
 ST_CLONES bool may_reach(const float *line, int count, double least, double margin, double below) {
     least -= ROUNDING * std::fabs(least);
     const auto pair = static_cast<float>(2 * (least - below));
@@ -304,7 +304,7 @@ void search_rows(const Image &image, const Kernel &kernel, const Mesh &mesh,
     }
 }
 
-/// Whether one of the brightest pixels has four as bright beside it.
+/// Whether one of the brightest pixels has four as bright next to it.
 bool has_flat_top(const Image &image, const uint16_t *row_max, uint16_t brightest) {
     for (int v = 1; v < image.height - 1; ++v) {
         if (row_max[v - 1] != brightest || row_max[v] != brightest ||

@@ -9,7 +9,7 @@ namespace st {
 namespace {
 
 constexpr double DOUBT = 0.06;   // of an exposure that the streaks of an image show
-constexpr double IMAGES = 20.0;  // that a learnt exposure is the mean of
+constexpr double IMAGES = 20.0;  // that an estimated exposure is the mean of
 constexpr double CHANGED = 0.2;  // by which an image shows that the exposure is another one
 
 }  // namespace

@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The exposure time of the images, learnt from the length of streaks where it is not given.
+// The exposure time of the images, estimated from the length of streaks where it is not given.
 
 #pragma once
 

@@ -118,7 +118,8 @@ st_reason reason_of(st_reason_code code, double first = 0.0, double second = 0.0
 }
 
 /// Return the covariance px^2 of the error that the brightest stars share.
-Matrix2 common_error(const Frame &frame, double sigma_px, const Extraction &found, Arena &arena) {
+Matrix2 correlated_error(const Frame &frame, double sigma_px, const Extraction &found,
+                         Arena &arena) {
     StreakStar stars[MOST_COMPARED];
     const int count = found.stars.count < MOST_COMPARED ? found.stars.count : MOST_COMPARED;
     for (int i = 0; i < count; ++i) {
@@ -358,7 +359,7 @@ Frame Extractor::prepared(const Image &image, double filter_px, bool has_hits,
                    has_hits, arena);
 }
 
-/// Search the image anew without its contamination.
+/// Search the image again without its contamination.
 void Extractor::clean(Work &work, const Searched &before, Rejections &taken_out) const {
     Frame &frame = work.frame;
     work.contamination = find_contamination(frame);
@@ -373,7 +374,7 @@ void Extractor::clean(Work &work, const Searched &before, Rejections &taken_out)
     frame = prepared(image, frame.kernel.sigma_px, work.contamination.hits, work.arena);
 }
 
-/// Measure the PSF sigma; filter the image anew where the filter does not match.
+/// Measure the PSF sigma; filter the image again where the filter does not match.
 void Extractor::match_filter(Work &work, bool narrow) const {
     Frame &frame = work.frame;
     if (frame.search.found == 0) {
@@ -411,10 +412,10 @@ bool Extractor::points(const Frame &frame, double sigma_px, int most, Extraction
                        Arena &arena) const {
     const Arena::Scope scope(arena);
     const List<Peak> &all = frame.search.peaks;
-    const auto room = static_cast<size_t>(all.count);
-    List<Peak> peaks = arena.list<Peak>(room), chosen = arena.list<Peak>(room);
-    auto *places = arena.take<Place>(room);
-    auto *good = arena.take<uint8_t>(room);
+    const auto capacity = static_cast<size_t>(all.count);
+    List<Peak> peaks = arena.list<Peak>(capacity), chosen = arena.list<Peak>(capacity);
+    auto *places = arena.take<Place>(capacity);
+    auto *good = arena.take<uint8_t>(capacity);
     const double share = least_share(sigma_px < FILTER_SIGMA_PX ? sigma_px : FILTER_SIGMA_PX);
     // Hot pixels are listed ahead of hits of particles.
     for (int i = 0; i < all.count; ++i) {
@@ -445,7 +446,7 @@ bool Extractor::points(const Frame &frame, double sigma_px, int most, Extraction
     bool smeared = measure_points(frame, chosen.item, chosen.count, sigma_px, point_options_,
                                   chosen.count, found.stars, others, arena);
     if (2 * found.stars.count < most && chosen.count < peaks.count) {
-        // What is no star fills the list of the brightest: all peaks are fitted.
+        // What is not a star fills the list of the brightest: all peaks are fitted.
         found.stars.clear();
         others.clear();
         smeared = measure_points(frame, peaks.item, peaks.count, sigma_px, point_options_,
@@ -532,14 +533,14 @@ void Extractor::streaks(const Frame &frame, const Streak &streak, double sigma_p
     found.streak = streak;
 }
 
-/// Keep the brightest stars; set their delays and their common error, and the reason for none.
+/// Keep the brightest stars; set their delays and their correlated error, and the reason for none.
 void Extractor::finish(const Frame &frame, double sigma_px, int most, Extraction &found,
                        Arena &arena) const {
     List<st_centroid> &stars = found.stars;
     sort_by_flux(stars, arena);
     stars.count = stars.count < most ? stars.count : most;
     const double middle = (frame.image.height - 1) / 2.0;
-    const Matrix2 common = common_error(frame, sigma_px, found, arena);
+    const Matrix2 common = correlated_error(frame, sigma_px, found, arena);
     for (st_centroid &star : stars) {
         star.delay_s = line_time_s_ != 0.0 ? (star.v_px - middle) * line_time_s_ : 0.0;
         star.common_uu_px2 = common[0][0];

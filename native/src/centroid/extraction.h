@@ -4,16 +4,17 @@
 // Star image to centroids, with a reason for every spot left out.
 //
 // 1. Background and peaks of the image (frame.h), after a matched filter. Discs, lines and storms
-//    of hits are taken out here, before the highest peaks of each cell of the image are chosen.
+//    of hits are removed here, before the highest peaks of each cell of the image are chosen.
 // 2. PSF sigma (psf_sigma.h), that of an image before where this one does not show it; if the
 //    filter does not match, step 1 once more.
-// 3. Points (point_stars.h): rough fit, which rejects what is no star and measures the noise, then
+// 3. Points (point_stars.h): rough fit, which rejects false stars and measures the noise, then
 //    the final fit.
 // 4. Streaks (streak_search.h) instead, if the stars moved during the exposure: by a known streak,
 //    or by the one on which the spots agree.
-// 5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
-// 6. Spots of any shape (spots.h) beside the points, if these are still not most of the bright
-//    spots: no point, streak or disc describes an aberrated or clipped star, but its flux is there.
+// 5. Points after wider filters, if many spots are not stars: a narrow one cuts defocused rings.
+// 6. Spots of any shape (spots.h) in addition to the points, if these are still not most of the
+//    bright spots: no point, streak or disc describes an aberrated or clipped star, but its flux is
+//    there.
 //
 // Once an image was searched, search_near() measures stars at known positions only.
 
@@ -71,7 +72,7 @@ struct KnownSigma {
 };
 
 /// What a searched image leaves for those after it: size, filter and background of the image,
-/// sigma_px the PSF sigma of its stars, known the last one that was certain, what was taken out of
+/// sigma_px the PSF sigma of its stars, known the last one that was certain, what was removed from
 /// it, and whether it has stars that no point describes. The arrays of the mesh stay with it.
 struct Searched {
     bool any = false;
@@ -116,7 +117,7 @@ public:
 
     /// Find the stars within radius_px of expected places, count of them. searched is that of an
     /// image of this size and type; it gives background and PSF sigma, and its contamination is
-    /// taken out here too. It is renewed for the next image.
+    /// removed here too. It is renewed for the next image.
     void search_near(const Image &image, const Place *places, const double *radius_px, int count,
                      const Streak *streak, Searched &searched, Extraction &found,
                      Arena &arena) const;

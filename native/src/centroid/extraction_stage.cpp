@@ -17,10 +17,10 @@ constexpr int MOST_ASTRAY_IMAGES = 2;  // in a row that are refused
 constexpr int IMAGES_TO_ACQUIRE = 2;   // a star tracker needs the identifications of two
 constexpr int MOST_DOUBLINGS = 10;
 constexpr double WIDE_PX = 1.6;   // PSF sigma beyond which spots may be debris
-constexpr double POINT_PX = 4.0;  // a longer streak is none that is seen as a point
+constexpr double POINT_PX = 4.0;  // a longer streak is not seen as a point
 constexpr double FASTER = 2.0;    // times the speed at which stars were points: may be streaks
 
-/// Whether most spots are no streaks of the motion that was assumed.
+/// Whether most spots are not streaks of the motion that was assumed.
 bool contradicts(const Extraction &extraction) {
     return extraction.rejections.by_kind[ST_REJECTED_NOT_STREAKED] > extraction.stars.count;
 }
@@ -196,7 +196,7 @@ const Extraction &ExtractionStage::predicted_near(int64_t stamp_ns, const Image 
         const Contamination contamination = searched().contamination;
         const bool changed = contamination != searched_[before].contamination;
         if (expected.stars_seen(found_.stars) < LEAST_SHARE * expected.stars_seen(near_.stars)) {
-            // What fills the list is of another width: debris, which is no measure of stars.
+            // What fills the list is of another width: debris, which is not a measure of stars.
             current_ = before;
             searched().contamination = contamination;
         }
@@ -316,7 +316,7 @@ void ExtractionStage::learn_shown(const Shown &shown, const Expected &expected) 
     }
     unexplained_ = {true, shown.streak};
     if (before.known && shown.streak.is_close(before.streak)) {
-        // A time that was learnt from the shape of the stars is none.
+        // A time estimated from the shape of the stars is not given.
         shape_ = unexplained_;
         if (!exposure_.is_given()) {
             exposure_ = Exposure();

@@ -17,7 +17,7 @@ namespace st {
 /// Extracts the centroids of the images of a camera, near the predictions of a star tracker where it
 /// has any.
 ///
-/// The exposure time is that of the options, else that given with an image, else learnt from the
+/// The exposure time is that of the options, else that of the image, else estimated from the
 /// length of the streaks in the images that are searched: the mean of many, by the lengths. A streak
 /// that the motion does not explain and that is the same in two images is the shape of the stars: an
 /// astigmatic lens draws it, however the camera moves.

@@ -83,7 +83,7 @@ int without_hit(const uint16_t *pixel, ptrdiff_t stride, double level, double no
 
 double least_share(double sigma_px) {
     const double narrow_px = std::nearbyint(NARROWEST * sigma_px * 100) / 100;
-    // Of both pixels beside the brightest one over that, for each phase.
+    // Of both pixels next to the brightest one over that, for each phase.
     double beside[PHASES][2];
     for (int phase = 0; phase < PHASES; ++phase) {
         Profile<float> of;

@@ -20,7 +20,7 @@ inline double inflation(double chi2, int dof) {
 }
 
 /// Return the share of the flux, squared over noise, that a model leaves; variance is that of the
-/// flux. What chi-square has by chance is no part of it: of a faint star that would be most.
+/// flux. What chi-square has by chance is not part of it: of a faint star that would be most.
 inline double misfit(double chi2, int dof, double flux, double variance) {
     const double excess = chi2 - (dof + CHANCE_SIGMAS * std::sqrt(2.0 * dof));
     return (excess < 0.0 ? 0.0 : excess) / (flux * flux / variance);

@@ -20,7 +20,7 @@ constexpr int MOST_SATURATED_PX = 24, FEW_SATURATED_PX = 4;
 constexpr double BLOOMING_PX = 0.02;
 constexpr double MOST_DRIFT_PX = 1.5;  // of a fit: one that ends further away is of something else
 constexpr double SEPARATION_PX = 1.0;  // two closer fits are of one star
-constexpr int STAR = -1;               // beside the kinds of st_rejection
+constexpr int STAR = -1;               // in addition to the kinds of st_rejection
 
 double significance(const Fit<4> &fit) {
     return fit.star[FLUX] / std::sqrt(fit.covariance[FLUX][FLUX]);

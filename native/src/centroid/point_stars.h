@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Stars that are points: fits of a Gaussian to peaks, and which of them are no stars.
+// Stars that are points: fits of a Gaussian to peaks, and which of them are not stars.
 
 #pragma once
 
@@ -27,7 +27,7 @@ struct PointOptions {
 
 /// Fit stars of this PSF sigma to peaks, count of them, highest first. Append the good ones to
 /// stars, brightest first and at most so many, and the others to rejections. Return whether all are
-/// smeared. A rough fit rejects what is no star and measures the noise of the final one.
+/// smeared. A rough fit rejects what is not a star and measures the noise of the final one.
 ///
 /// The arena needs points_bytes(count).
 bool measure_points(const Frame &frame, const Peak *peaks, int count, double sigma_px,

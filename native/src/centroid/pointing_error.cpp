@@ -249,7 +249,7 @@ Matrix2 pointing_error(const Image &image, const Mesh &mesh, double full_scale_d
     // In a streak the flux, and with it the error of the model, is spread over its length.
     const double sigma = stars[chosen[0]][SIGMA];
     const double width2 = sigma * sigma + SMOOTHING_PX * SMOOTHING_PX;
-    // What is not significant as it is will not be so beside the error of the model.
+    // What is not significant as it is will not be so with the error of the model.
     double highest = work.smooth.value[0];
     for (int d = 1; d < size * size; ++d) {
         highest = work.smooth.value[d] > highest ? work.smooth.value[d] : highest;

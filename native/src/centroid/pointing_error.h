@@ -18,9 +18,9 @@
 // Where two parts are equally bright, some stars are fitted at the one, some at the other, which
 // changes the sign of A: it is made that of the brightest star. Of the stars an upper quantile
 // counts, which neighbours and hits of single ones do not move, if most have it in their own images.
-// Where A exceeds its noise, A > 0 is flux beside the fitted star, of a total of 1 + sum A. The mean
-// pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the correlated
-// error is
+// Where A exceeds its noise, A > 0 is flux next to the fitted star, of a total of 1 + sum A. The
+// mean pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the
+// correlated error is
 //
 //     C = b b^T + UNCERTAIN^2 M,  M = sum A d d^T / (1 + sum A)
 //

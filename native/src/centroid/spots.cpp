@@ -310,13 +310,13 @@ void add_spots(List<st_centroid> &stars, const List<st_centroid> &spots, int mos
         faintest = quantile(flux, fitted.count, FAINTEST_SHARE);
     }
     const int short_of = BRIGHT_SPOTS - fitted.count;
-    const int room = most / 2 > most - fitted.count ? most / 2 : most - fitted.count;
+    const int capacity = most / 2 > most - fitted.count ? most / 2 : most - fitted.count;
     int others = 0, added = 0;
     for (const st_centroid &spot : spots) {
         if (has_within(fitted, place_of(spot), SAME_PX)) {
             continue;
         }
-        if ((spot.flux_dn > faintest || others < short_of) && added < room) {
+        if ((spot.flux_dn > faintest || others < short_of) && added < capacity) {
             stars.add(spot);
             ++added;
         }

@@ -36,7 +36,7 @@ int explained_spots(const List<st_centroid> &spots, const List<st_centroid> &sta
 void add_near_spots(List<st_centroid> &stars, const List<st_centroid> &spots, const Place *places,
                     const double *radius_px, int count, Arena &arena);
 
-/// Append to fitted stars the bright spots that are none of them, brightest first.
+/// Append to fitted stars the bright spots that are not among them, brightest first.
 ///
 /// Faint spots are mostly no stars: as soon as there are BRIGHT_SPOTS, the limit is the flux that a
 /// quarter of the fitted ones do not reach. Half of the list of `most` stars is left to these.

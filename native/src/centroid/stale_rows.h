@@ -25,12 +25,12 @@ public:
     void reset();
 
     /// Whether two images in turn have differed in each row that has noise: one that is shown again
-    /// and again from the start is no fault.
+    /// and again from the start is not a fault.
     bool vary() const { return vary_; }
 
     /// Return the rows that equal those of the image before: the upper part of the image, the lower
-    /// part, or all of it. Equal rows between others are no torn frame: the noise of such images,
-    /// drawn or compressed, says nothing.
+    /// part, or all of it. Equal rows between others are not a torn frame: the noise of such
+    /// images, drawn or compressed, says nothing.
     RowRange find(const Image &image);
 
 private:

@@ -232,7 +232,7 @@ int find_peaks(const Plane<float> &flux, float threshold, FluxPeak *peaks) {
     return count;
 }
 
-/// Keep the peaks, brightest first, that are no side lobes of brighter ones; return how many.
+/// Keep the peaks, brightest first, that are not side lobes of brighter ones; return how many.
 int keep_alone(const FluxPeak *peaks, int count, const Streak &streak, double sigma_px,
                Place *places, Arena &arena) {
     const Arena::Scope scope(arena);

@@ -68,7 +68,7 @@ bool is_duplicate(const Fits &fits, int i) {
     return false;
 }
 
-/// Return why fit i is no streak of a star; ST_REJECTED_COUNT if it is one.
+/// Return why fit i is not a streak of a star; ST_REJECTED_COUNT if it is one.
 st_rejection kind_of(const Fits &fits, int i, double threshold_sigmas) {
     const StreakFit<4> &fit = fits.fit[i];
     const StreakStar &star = fit.star;
@@ -85,7 +85,7 @@ st_rejection kind_of(const Fits &fits, int i, double threshold_sigmas) {
                                                                          : ST_REJECTED_COUNT;
 }
 
-/// Leave out what is no streak of a star. All are judged before the first is left out.
+/// Leave out what is not a streak of a star. All are judged before the first is left out.
 void reject(Fits &fits, double threshold_sigmas, Rejections &rejections, Arena &arena) {
     const Arena::Scope scope(arena);
     auto *kind = arena.take<st_rejection>(static_cast<size_t>(fits.count));

@@ -1,7 +1,7 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Stars that are streaks: fits of the motion of the exposure, and which are no stars.
+// Stars that are streaks: fits of the motion of the exposure, and which are not stars.
 
 #pragma once
 

@@ -13,7 +13,7 @@ namespace st {
 namespace {
 
 constexpr double HIT_SHARE =
-    0.1;  // of the peaks near predicted stars, from which on hits are taken out
+    0.1;  // of the peaks near predicted stars, from which on hits are removed
 constexpr int MOST_SIDE = 2 * static_cast<int>(MOST_RADIUS_OF_SEARCH_PX) + 1;
 constexpr int MOST_ROWS = MOST_SIDE + 2 * (MOST_WEIGHTS - 1);
 

@@ -192,7 +192,7 @@ Matrix3 covariance_deficit(const Matrix3 &covariance, const Vector3 &error, doub
 ///
 ///     turn(t) = turn + t (rate + t / 2 (acceleration + t / 3 jerk))
 ///
-/// What these and those two intervals away have beside it is the sigma.
+/// What these and those two intervals away have in addition to it is the sigma.
 Course course_of(const Motion &motion, const Vector3 &acceleration_rad_s2) {
     const double dt_s = motion.interval_s;
     const Weights own = by_experience(motion.weight, motion.share);

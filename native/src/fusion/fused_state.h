@@ -1,7 +1,8 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The state of the fusion: the motion of the body, and the misalignments of heads beside it.
+// The state of the fusion: the motion of the body, and the misalignments of heads in addition to
+// it.
 //
 // It is that of filter/motion.h, whose constants are the coefficients c of the mounts. Its error
 // state about body axes is [turn rad, rate rad/s, drift rad/s, c].

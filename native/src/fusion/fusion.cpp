@@ -247,7 +247,7 @@ void Fusion::test(Head &head, const HeadFrame &frame, st_fused &fused) {
     fill(fused);
 }
 
-/// Drop a state whose covariance is none, with the mounts estimated; return whether it is.
+/// Drop a state without a valid covariance, with the mounts estimated; return whether it is.
 bool Fusion::gave_up(const FusedState &state) {
     if (has_covariance(state.body)) {
         return false;
@@ -635,10 +635,10 @@ void Fusion::misalignment(int number, int64_t stamp_ns, Vector3 &offset,
     }
 }
 
-st_mount Fusion::learnt(int number) const {
+st_mount Fusion::estimated(int number) const {
     const Head &head = heads_[number];
     const int first = head.columns.first, m = coefficient_count_;
-    return head.learnt(coefficients_ + first, mount_covariance_ + first * m + first, m);
+    return head.estimated(coefficients_ + first, mount_covariance_ + first * m + first, m);
 }
 
 /// Drop the attitude where a mount has left what its file allows, and exclude the head. The

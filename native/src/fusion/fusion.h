@@ -55,7 +55,7 @@ public:
     void misalignment(int number, int64_t stamp_ns, Vector3 &offset, Matrix3 &covariance) const;
 
     /// Return the mount of a head as estimated so far.
-    st_mount learnt(int number) const;
+    st_mount estimated(int number) const;
 
 private:
     /// The attitude of a head minus that of the state, with its variance and the law of its mount.

@@ -41,7 +41,7 @@ Vector<MOST_TERMS> basis(int64_t stamp_ns, double temperature_k, double period_s
 }
 
 /// Fill the terms of the law of a mount, and return how many there are. A law of the file counts,
-/// whatever may be estimated beside it.
+/// whatever may be estimated in addition to it.
 int terms_of(int index, const st_mount &mount, const st_mount_options &options, int *terms) {
     if (index == 0) {
         return 0;
@@ -229,7 +229,7 @@ Sensitivity Head::sensitivity(int64_t stamp_ns) const {
     return B;
 }
 
-st_mount Head::learnt(const double *coefficients, const double *covariance, int stride) const {
+st_mount Head::estimated(const double *coefficients, const double *covariance, int stride) const {
     st_mount after = mount;
     after.has_covariance = is_reference ? 0 : 1;
     if (is_reference) {

@@ -88,7 +88,7 @@ public:
     Sensitivity sensitivity(int64_t stamp_ns) const;
 
     /// Return the mount with these coefficients and their covariance, rows of `stride` numbers.
-    st_mount learnt(const double *coefficients, const double *covariance, int stride) const;
+    st_mount estimated(const double *coefficients, const double *covariance, int stride) const;
 
     // --- frames ---
 

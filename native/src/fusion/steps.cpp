@@ -19,9 +19,9 @@ constexpr double THRESHOLD = 50.0;
 constexpr double LEAST_SCATTER =
     1e-3;  // of frames, of the variance that they are expected to have
 constexpr double LEAST_STRENGTH = 1e-6;   // of a singular value, of the largest one
-constexpr double LEAST_RAD = 2 * ARCSEC;  // faster bending than the law of the window is no step
+constexpr double LEAST_RAD = 2 * ARCSEC;  // faster bending than the law of the window
 constexpr int64_t BLOCK_NS = static_cast<int64_t>(BLOCK_S) * 1'000'000'000;
-constexpr int SHAPES = 3 + MOST_LAW;  // columns of what is no step: a parabola and the law
+constexpr int SHAPES = 3 + MOST_LAW;  // columns of what is not a step: a parabola and the law
 
 /// Orthonormal columns that span those of a matrix (rows, columns).
 struct Basis {
@@ -79,8 +79,8 @@ struct AxisStep {
     double size, square;
 };
 
-/// Fit a step from a row on beside the smooth columns: with the step s, the weights w and the
-/// projection P on the basis, size is s_p^T w d / s_p^T s_p, s_p = (1 - P) w s.
+/// Fit a step from a row on together with the smooth columns: with the step s, the weights w and
+/// the projection P on the basis, size is s_p^T w d / s_p^T s_p, s_p = (1 - P) w s.
 AxisStep fit_step(const Basis &basis, const double *weight, const double *weighted, int rows,
                   int from) {
     double s[MOST_BLOCKS];

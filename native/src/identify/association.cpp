@@ -159,8 +159,9 @@ double update(const Patterns &sky, bool equidistant, const ImageStars &stars, St
 }
 
 Directions directions(int most, Arena &work) {
-    const auto room = static_cast<size_t>(most);
-    return {0, work.take<Vector3>(room), work.take<Vector3>(room), work.take<double>(room)};
+    const auto capacity = static_cast<size_t>(most);
+    return {0, work.take<Vector3>(capacity), work.take<Vector3>(capacity),
+            work.take<double>(capacity)};
 }
 
 /// Fit attitude and focal length to an association, in turn, by at most so many steps; return the
@@ -168,8 +169,8 @@ Directions directions(int most, Arena &work) {
 double fit(const Patterns &sky, bool equidistant, const ImageStars &stars, double scale_error,
            int most_steps, Directions &matched, StarMatch &found, Arena &work) {
     const Arena::Scope scope(work);
-    const auto room = static_cast<size_t>(stars.count);
-    auto *p = work.take<Point>(room), *q = work.take<Point>(room);
+    const auto capacity = static_cast<size_t>(stars.count);
+    auto *p = work.take<Point>(capacity), *q = work.take<Point>(capacity);
     double fitted = NAN;
     for (int step = 0; step < most_steps; ++step) {
         collect(sky, equidistant, stars, found, matched);
@@ -190,8 +191,8 @@ double fit(const Patterns &sky, bool equidistant, const ImageStars &stars, doubl
 }  // namespace
 
 StarMatch star_match(int most, Arena &arena) {
-    const auto room = static_cast<size_t>(most);
-    return {arena.take<int32_t>(room), arena.take<double>(room), 1.0, identity<3>()};
+    const auto capacity = static_cast<size_t>(most);
+    return {arena.take<int32_t>(capacity), arena.take<double>(capacity), 1.0, identity<3>()};
 }
 
 void copy(const StarMatch &from, int count, StarMatch &to) {
@@ -214,8 +215,8 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
            const int32_t *star, int based, double radius, double scale_error, StarMatch &found,
            Arena &work) {
     const Arena::Scope scope(work);
-    const auto room = static_cast<size_t>(stars.count);
-    auto *before = work.take<int32_t>(room);
+    const auto capacity = static_cast<size_t>(stars.count);
+    auto *before = work.take<int32_t>(capacity);
     Directions matched = directions(stars.count, work);
     for (int i = 0; i < stars.count; ++i) {
         found.star[i] = -1;
@@ -229,10 +230,10 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
     collect(sky, equidistant, stars, found, matched);
     found.R = triad(matched, 0, farthest(matched));
     // First the scale of the base alone: where that is off, so is the attitude. What one step leaves
-    // is little beside the radius, and more steps follow.
+    // is small compared with the radius, and more steps follow.
     double fitted = fit(sky, equidistant, stars, scale_error, 1, matched, found, work);
     for (int attempt = 1; attempt < MOST_ATTEMPTS; ++attempt) {
-        std::memcpy(before, found.star, room * sizeof(int32_t));
+        std::memcpy(before, found.star, capacity * sizeof(int32_t));
         fitted = fit(sky, equidistant, stars, scale_error, 1, matched, found, work);
         if (std::isnan(fitted)) {
             return false;
@@ -242,7 +243,7 @@ bool align(const Patterns &sky, bool equidistant, const ImageStars &stars, const
         if (count_matched(found, stars.count) < LEAST_MATCHED) {
             return false;
         }
-        if (attempt > 1 && std::memcmp(before, found.star, room * sizeof(int32_t)) == 0) {
+        if (attempt > 1 && std::memcmp(before, found.star, capacity * sizeof(int32_t)) == 0) {
             // The same stars: their best fit does not depend on the triangle that has led to them.
             fitted = fit(sky, equidistant, stars, scale_error, FIT_STEPS, matched, found, work);
             // A narrower radius would leave it as it is.

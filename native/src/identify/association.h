@@ -24,7 +24,7 @@ struct StarMatch {
     Matrix3 R;           // sensor vectors to ICRF
 };
 
-/// Return room for the association of so many image stars.
+/// Return memory for the association of so many image stars.
 StarMatch star_match(int most, Arena &arena);
 
 /// Copy what belongs to count image stars.

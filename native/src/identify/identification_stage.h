@@ -10,7 +10,7 @@
 
 namespace st {
 
-/// What a search is made for, beside the options.
+/// What a search is made for, in addition to the options.
 struct IdentificationSetup {
     Patterns sky;
     BrightLevel bright;
@@ -32,7 +32,8 @@ public:
     static size_t bytes(const IdentificationSetup &setup);
     static size_t work_bytes(const IdentificationSetup &setup);
 
-    /// Begin a search for the stars of a list, of which places are off by shear_px beside their errors.
+    /// Begin a search for the stars of a list, of which places are off by shear_px in addition to
+    /// their errors.
     void begin(int64_t stamp_ns, const st_centroid *centroids, int count, double shear_px,
                Arena &work);
 

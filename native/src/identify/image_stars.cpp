@@ -29,12 +29,12 @@ bool is_duplicate(const st_centroid *centroids, const st_centroid &one, const in
 }  // namespace
 
 ImageStars image_stars(int most, Arena &arena) {
-    const auto room = static_cast<size_t>(most);
+    const auto capacity = static_cast<size_t>(most);
     return {0,
-            arena.take<int32_t>(room),
-            arena.take<Vector3>(room),
-            arena.take<Point>(room),
-            arena.take<double>(room),
+            arena.take<int32_t>(capacity),
+            arena.take<Vector3>(capacity),
+            arena.take<Point>(capacity),
+            arena.take<double>(capacity),
             0.0};
 }
 
@@ -50,7 +50,7 @@ void usable_stars(const Lens &lens, const st_centroid *centroids, const int32_t 
             continue;
         }
         const Point plane = undistorted(lens, pixel);
-        // Outside the circle of a fisheye are no stars.
+        // A fisheye has no stars outside its circle.
         if (std::isnan(plane.x)) {
             continue;
         }
@@ -66,12 +66,12 @@ void brightest_stars(const Lens &lens, const st_centroid *centroids, int count, 
                      double sigma_floor_px, ImageStars &stars, Arena &work) {
     const Arena::Scope scope(work);
     auto *order = work.take<int32_t>(static_cast<size_t>(count));
-    auto *room = work.take<int32_t>(static_cast<size_t>(count));
+    auto *scratch = work.take<int32_t>(static_cast<size_t>(count));
     for (int i = 0; i < count; ++i) {
         order[i] = i;
     }
     // Stars of an unknown flux last.
-    sort(order, count, room, [&](int32_t a, int32_t b) {
+    sort(order, count, scratch, [&](int32_t a, int32_t b) {
         const double flux_a = centroids[a].flux_dn, flux_b = centroids[b].flux_dn;
         return flux_a > flux_b || (std::isnan(flux_b) && !std::isnan(flux_a));
     });

@@ -23,7 +23,7 @@ struct ImageStars {
     double median_sigma;  // of an even number the greater middle one; 0 without stars
 };
 
-/// Return room for so many stars in an arena, which usable_stars() fills.
+/// Return memory for so many stars in an arena, which usable_stars() fills.
 ImageStars image_stars(int most, Arena &arena);
 
 /// Use the first usable centroids in an order, each star once; max_stars at most. Their errors

@@ -22,7 +22,7 @@
 //     ln (L_0 / L_1) = m ln ((1 - e) / (1 - w) r^2 / (2 sigma^2)) - sum_i d_i^2 / (2 sigma^2)
 //                      + k ln ((e s + n p_R) / (w s + n p_R)).
 //
-// The lens is rejected when the near misses are no chance and the ratio is below one.
+// The lens is rejected when the near misses are not by chance and the ratio is below one.
 
 #pragma once
 

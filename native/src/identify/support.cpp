@@ -52,11 +52,11 @@ Supporters supporters(int32_t catalogue_stars, const ImageStars &stars, const in
             square += weight[k] * weight[k] * variance[k];
         }
         const double radius = tolerance_sigmas * std::sqrt(square);
-        const bool room = found.count < MOST_SUPPORTERS;
-        if (!(radius < (room ? farthest : found.reach[MOST_SUPPORTERS - 1]))) {
+        const bool has_place = found.count < MOST_SUPPORTERS;
+        if (!(radius < (has_place ? farthest : found.reach[MOST_SUPPORTERS - 1]))) {
             continue;
         }
-        int row = room ? found.count++ : MOST_SUPPORTERS - 1;
+        int row = has_place ? found.count++ : MOST_SUPPORTERS - 1;
         for (; row > 0 && found.reach[row - 1] > radius; --row) {
             found.reach[row] = found.reach[row - 1];
             found.weight[row] = found.weight[row - 1];

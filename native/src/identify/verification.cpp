@@ -122,7 +122,7 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
     auto *brightest = work.take<bool>(static_cast<size_t>(stars.count));
     const int cells = occupied_cells(stars, found.star, area, CELLS_ACROSS, brightest, work);
     const auto marked = static_cast<int>(std::count(brightest, brightest + stars.count, true));
-    // The stars of the base are no evidence for it.
+    // The stars of the base are not evidence for it.
     const int m = std::max(marked - based, 0), n = std::max(cells - based, m);
     const double p = std::fmin(1.0, std::max(in_field, 1) * M_PI * r * r / area);
     const int32_t *counts = verifier.counts;
@@ -151,10 +151,10 @@ bool same_attitude(const StarMatch &a, const StarMatch &b, int count) {
 }
 
 size_t verification_bytes(int most) {
-    const auto room = static_cast<size_t>(most);
-    return Arena::padded<bool>(room) + Arena::padded<int32_t>(room) +
-           3 * Arena::padded<Point>(room) + 2 * Arena::padded<Vector3>(room) +
-           Arena::padded<double>(room);
+    const auto capacity = static_cast<size_t>(most);
+    return Arena::padded<bool>(capacity) + Arena::padded<int32_t>(capacity) +
+           3 * Arena::padded<Point>(capacity) + 2 * Arena::padded<Vector3>(capacity) +
+           Arena::padded<double>(capacity);
 }
 
 }  // namespace st

@@ -55,7 +55,7 @@ struct Verification {
     StarMatch found;
 };
 
-/// Return room for the verification of so many image stars.
+/// Return memory for the verification of so many image stars.
 Verification verification(int most, Arena &arena);
 
 /// Copy what belongs to count image stars.

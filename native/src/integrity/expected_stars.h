@@ -21,7 +21,7 @@ struct ExpectedStar {
 
 /// Return what contradicts an attitude among stars (count) that should be seen; ST_NO_REASON for
 /// nothing. uv (centroids) are all centroids; a star is seen by one within present_px. Stars that are
-/// hidden are no contradiction; stars that are elsewhere are.
+/// hidden are not a contradiction; stars that are elsewhere are.
 st_reason contradiction_of(const ExpectedStar *stars, int count, const Point *uv, int centroids,
                            double present_px, Arena &arena);
 

@@ -85,8 +85,8 @@ double relative_scale(double outwards, double square) {
     return outwards * outwards > LENS_ERROR.threshold * square ? outwards / square : 0.0;
 }
 
-/// Add pairs of residuals, beside a change of the scale, of stars in this frame and in the last one,
-/// which this frame then is.
+/// Add pairs of residuals, in addition to a change of the scale, of stars in this frame and in
+/// the last one, which this frame then is.
 ///
 /// Of a star in both frames the mean product of two axes, p = r_k . r_k-1 / 2, has the weight
 /// w = 1 / (v_k v_k-1), and by chance the variance w / 2 of w p.
@@ -135,7 +135,7 @@ bool add_frame(const Lens &lens, const int32_t *star, const DetectedStar *stars,
     const auto n = static_cast<size_t>(count);
     StarSums *sums = arena.take<StarSums>(n);
     const LensSums all = lens_sums(lens, stars, count, sums, arena);
-    // The residuals are those beside the scale before, outwards is that of all of it.
+    // The residuals are those in addition to the scale before, outwards is that of all of it.
     const double before = error.scale;
     error.outwards = MEMORY * error.outwards + all.outwards + before * all.square;
     error.square = MEMORY * error.square + all.square;

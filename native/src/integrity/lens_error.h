@@ -3,7 +3,7 @@
 
 // Errors of star positions that stay from frame to frame, measured by the residuals.
 //
-// A lens that is not quite the camera model, coma, or an image that is no Gaussian moves a star by
+// A lens that differs from the camera model, coma, or an image that is not Gaussian moves a star by
 // nearly the same in the next frame. A filter averages noise over frames, but not these. Where all
 // noise is white the residuals of the filter are white as well: the mean product of a star's
 // residuals in two frames in a row is the variance of what stays. A rotation of all stars is removed
@@ -12,8 +12,8 @@
 // Part of what stays may be a scale: a wrong focal length, or the tails of coma, which all point away
 // from the axis. Such errors do not average out over stars whose mean position is not the axis. The
 // scale k, r = k d for residuals r at d from the axis, is fitted to all frames, and the next ones are
-// predicted with it: the focal length is 1 + k times as long. The errors that stay are those beside
-// it.
+// predicted with it: the focal length is 1 + k times as long. The errors that stay are those in
+// addition to it.
 
 #pragma once
 
@@ -33,9 +33,10 @@ struct RememberedStar {
     double variance_px2;
 };
 
-/// What is known of the lens. value_px is the error that stays, its sigma per axis, beside that of
-/// scale, the relative error of the distance of stars from the axis; both are zero where they are not
-/// significant. scale_sigma is the error of the scale, zero without any. All zero at the start.
+/// What is known of the lens. value_px is the error that stays, its sigma per axis, in addition
+/// to that of scale, the relative error of the distance of stars from the axis; both are zero
+/// where they are not significant. scale_sigma is the error of the scale, zero without any. All
+/// zero at the start.
 struct LensError {
     double value_px, scale, scale_sigma;
 
@@ -54,7 +55,7 @@ struct LensError {
 bool add_frame(const Lens &lens, const int32_t *star, const DetectedStar *stars, int count,
                LensError &error, Arena &arena);
 
-/// Return the lens of a camera with the scale that was learnt.
+/// Return the lens of a camera with the scale that was estimated.
 Lens corrected_lens(const Lens &lens, const LensError &error);
 
 /// Bytes of work memory of so many stars.

@@ -6,7 +6,7 @@
 namespace st {
 namespace {
 
-/// A column that keeps less of its length beside the columns before is a sum of them.
+/// A column that keeps less of its length after the columns before is a sum of them.
 constexpr double DEPENDENT = 1e-9;
 
 }  // namespace

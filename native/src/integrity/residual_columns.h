@@ -3,9 +3,9 @@
 
 // Whitened residuals fitted with columns.
 //
-// A residual r of a star with covariance R = L L^T is whitened as L^-1 r. Columns that are no error of
-// the rows or of the lens (a rotation of all stars, a scale) are removed by an orthonormal basis Q:
-// x <- x - Q Q^T x.
+// A residual r of a star with covariance R = L L^T is whitened as L^-1 r. Columns that are not an
+// error of the rows or of the lens (a rotation of all stars, a scale) are removed by an
+// orthonormal basis Q: x <- x - Q Q^T x.
 
 #pragma once
 

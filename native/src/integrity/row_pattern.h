@@ -7,9 +7,10 @@
 // row at another time: part of the stars support one attitude, part another. Both leave a pattern:
 // residuals along the motion of the stars that are a step, or grow, from row to row.
 //
-// The residuals r of the stars, whitened, are fitted with columns that are no fault of the rows: a
-// rotation, the focal length and a radial distortion. A column c = f g(v), f the velocity of a star
-// and g(v) a step or a line, improves chi-square by (c' r)^2 / (c' c), both after those columns.
+// The residuals r of the stars, whitened, are fitted with columns that are not a fault of the
+// rows: a rotation, the focal length and a radial distortion. A column c = f g(v), f the velocity
+// of a star and g(v) a step or a line, improves chi-square by (c' r)^2 / (c' c), both after those
+// columns.
 
 #pragma once
 

@@ -18,7 +18,7 @@ constexpr double MEMORY = 0.95;  // of the rates of the frames before
 /// Variance of a prediction of an oscillation by three attitudes, over that of one of them.
 constexpr double PREDICTED = 6.0;
 constexpr double FADES = 0.98;  // from frame to frame, a variance that the last do not show
-/// What stamps of frames that are stamped on arrival err by, on a machine that is not loaded.
+/// The timestamp errors of frames that are stamped on arrival, on a machine that is not loaded.
 constexpr double DOUBT_S = limit(STAMP_ERRORS, "first_s");
 constexpr int DOUBT_FRAMES = STAMP_ERRORS.frames;
 /// Mean size of a product of two times in a row, over the variance of one frame:
@@ -78,7 +78,7 @@ WhiteVariance white_variance(const double *times_s, const double *variances_s2) 
 }
 
 /// Return s^2 out of the mean product of successive times, 0 where it is not significant. expected is
-/// whether the stamps have erred so far.
+/// whether there were timestamp errors so far.
 double stamp_variance(const Differences &memory, bool expected) {
     const auto [seen, noise, products] = white_variance(memory.times_s, memory.variances_s2);
     if (products < limit(STAMP_ERRORS, "products")) {
@@ -231,9 +231,9 @@ void add_frame(const AttitudeAt &before, const AttitudeAt &predicted, const Atti
     jitter.interval_s = interval_s;
     const double variance_s2 = jitter.differences.variances_s2[COMPARED_FRAMES - 1];
     // A few times that happen to agree do not end what many have shown.
-    const double learnt_s2 = most(stamp_variance(jitter.differences, expected),
-                                  FADES * jitter.sigma_s * jitter.sigma_s);
-    jitter.sigma_s = learnt_s2 > variance_s2 ? std::sqrt(learnt_s2) : 0.0;
+    const double estimated_s2 = most(stamp_variance(jitter.differences, expected),
+                                     FADES * jitter.sigma_s * jitter.sigma_s);
+    jitter.sigma_s = estimated_s2 > variance_s2 ? std::sqrt(estimated_s2) : 0.0;
     const Vector3 along = R_inverse * now;
     const double speed2 = dot(along, now);
     if (speed2 != 0) {

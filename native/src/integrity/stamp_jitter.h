@@ -1,12 +1,12 @@
 // Copyright 2026 the startracker_ros authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Errors of stamps, learnt from the frames of a body that turns.
+// Errors of stamps, estimated from the frames of a body that turns.
 //
 // A stamp that is late by d shows the body where it is not yet: a turn w d along its rate w, the same
-// for all stars. Frames stamped on arrival err by milliseconds, each by another time. Neither
-// residuals nor a smooth rate show that, but the attitudes a measured by the stars do. With the
-// second differences
+// for all stars. Frames stamped on arrival have timestamp errors of milliseconds, each its own.
+// Neither residuals nor a smooth rate show that, but the attitudes a measured by the stars do.
+// With the second differences
 //
 //     e_k = (a_k - a_k-1) - (a_k-1 - a_k-2) dt_k / dt_k-1
 //
@@ -17,14 +17,14 @@
 // they say nothing.
 //
 // A vibration moves the body to and fro as well. But where the filter predicts the next frame, it is
-// no error of a stamp. A camera that is shaken at random moves across its rate as much as along it:
-// with the part u_k of e_k that is across, as a time, s^2 is less by what -u_k u_k-1 / 4 is more than
-// r.
+// not an error of a stamp. A camera that is shaken at random moves across its rate as much as
+// along it: with the part u_k of e_k that is across, as a time, s^2 is less by what -u_k u_k-1 / 4
+// is more than r.
 //
-// In the first frames the stamps may err by first_s of STAMP_ERRORS: no more than the size of the few
-// products so far allows, whatever their signs. From STAMP_ERRORS.frames on only what that size shows
-// counts, and their signs decide alone after twice as many. Stamps that have erred so far may go on to
-// do so: less is significant then, and what is known fades slowly.
+// In the first frames the timestamp errors are up to first_s of STAMP_ERRORS: no more than the
+// size of the few products so far allows, whatever their signs. From STAMP_ERRORS.frames on only
+// what that size shows counts, and their signs decide alone after twice as many. Stamps that had
+// errors so far may go on to do so: less is significant then, and what is known fades slowly.
 
 #pragma once
 
@@ -71,7 +71,7 @@ struct StampJitter {
 /// Return what is known before the first frame.
 StampJitter start_jitter();
 
-/// Begin new differences: the frames before are no neighbours of the next one.
+/// Begin new differences: the frames before are not neighbours of the next one.
 void interrupt_jitter(StampJitter &jitter);
 
 /// Add a good frame: the state of the frame before, the prediction, and the corrected one. turn from

@@ -60,7 +60,7 @@ public:
         : begin_(static_cast<std::byte *>(memory)), bytes_(bytes / ALIGNMENT * ALIGNMENT) {}
 
     /// Return an array; null where it does not fit. work_bytes() of extraction.h says how much
-    /// there has to be for an image: lists that may be longer ask room() first.
+    /// an image needs.
     template <class T>
     T *take(size_t count) {
         static_assert(std::is_trivially_destructible_v<T> && alignof(T) <= ALIGNMENT);
@@ -80,9 +80,6 @@ public:
         T *item = take<T>(capacity);
         return {item, 0, item == nullptr ? 0 : static_cast<int>(capacity), 0};
     }
-
-    /// Bytes that are left.
-    size_t room() const { return bytes_ - used_; }
 
     /// Bytes that were in use at a time at most.
     size_t most() const { return most_; }

@@ -34,7 +34,7 @@ inline Covariance2 error_of(const st_centroid &centroid, double floor_px2) {
 }
 
 /// Return the error that all centroids (count) of a frame share, that of the largest; zero for none.
-inline Covariance2 common_error(const st_centroid *centroids, int count) {
+inline Covariance2 correlated_error(const st_centroid *centroids, int count) {
     Covariance2 common{};
     for (int j = 0; j < count; ++j) {
         const st_centroid &one = centroids[j];

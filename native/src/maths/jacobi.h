@@ -16,7 +16,7 @@ namespace st {
 constexpr int MOST_SWEEPS = 30;
 
 /// Cosine and sine of the rotation that makes two vectors orthogonal, or a symmetric 2 x 2 matrix
-/// diagonal, with p, q on its diagonal and c beside it.
+/// diagonal, with p, q on its diagonal and c next to it.
 struct PlaneRotation {
     double cosine, sine;
 

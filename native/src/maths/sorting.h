@@ -29,7 +29,7 @@ inline void insert_sorted(double *ordered, int count, double value) {
 }
 
 /// Sort items so that before(a, b) holds for none b ahead of a; those that are equal keep their
-/// order. work has room for as many. By merging: also where before() is no order, as with NaN,
+/// order. work has room for as many. By merging: also where before() is not an order, as with NaN,
 /// nothing is read or written beyond the items.
 template <class T, class Before>
 void sort(T *items, int count, T *work, Before before) {
@@ -104,7 +104,8 @@ double median(T *values, int count) {
     return (static_cast<double>(ranked(values, count, count / 2 - 1)) + upper) / 2;
 }
 
-/// Return a quantile of count > 0 values, linear between those beside it; they change their order.
+/// Return a quantile of count > 0 values, linear between those next to it; they change their
+/// order.
 inline double quantile(double *values, int count, double share) {
     const double place = share * (count - 1);
     const int below = static_cast<int>(place);

@@ -100,8 +100,8 @@ bool header_is_sound(const st_sky &file, st_fault *fault) {
         const auto written = static_cast<double>(header.bytes);
         return refused(fault, "bytes of the file", bytes, written, written);
     }
-    const auto room = (file.bytes - sizeof(FileHeader)) / sizeof(FileSection);
-    const uint64_t most = room < MOST_SECTIONS ? room : MOST_SECTIONS;
+    const auto capacity = (file.bytes - sizeof(FileHeader)) / sizeof(FileSection);
+    const uint64_t most = capacity < MOST_SECTIONS ? capacity : MOST_SECTIONS;
     return header.sections <= most ||
            refused(fault, "sections of the file", header.sections, 0, static_cast<double>(most));
 }

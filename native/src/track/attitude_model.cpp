@@ -184,7 +184,7 @@ void AttitudeModel::resume(const Motion &before) {
 
 /// Update by the first hypothesis that the stars confirm, or keep the nominal one.
 void AttitudeModel::update(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
-                           const Gyro &gyro, TrackBank &bank, FrameUpdate &update, Arena &arena) {
+                           const Gyro &gyro, TrackList &bank, FrameUpdate &update, Arena &arena) {
     // Of steps whose results stay in the arena.
     const size_t bytes = correction_work_bytes(bank.count, frame.count);
     Arena work(arena.take<std::byte>(bytes), bytes);
@@ -295,7 +295,7 @@ bool AttitudeModel::is_saturated(int64_t stamp_ns, const Gyro &gyro) const {
 // --- associate ---
 
 AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const CentroidFrame &frame,
-                                                const ApparentSky &sky, const TrackBank &bank,
+                                                const ApparentSky &sky, const TrackList &bank,
                                                 Arena &arena, Arena &work) const {
     const auto tracks = static_cast<size_t>(bank.count), count = static_cast<size_t>(frame.count);
     auto *icrf = arena.take<Vector3>(tracks);
@@ -332,7 +332,7 @@ AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Centroid
     made.scaled = scaled_error;
     made.delay_s = made.rolling ? delay_s : nullptr;
     Covariance2 common;
-    made.has_common = common_error(frame.centroid, frame.count, common);
+    made.has_common = correlated_error(frame.centroid, frame.count, common);
     if (made.has_common) {
         made.common = pointing_covariance(lens_, common, &state_.rate_rad_s);
     }
@@ -373,7 +373,7 @@ bool AttitudeModel::is_consistent(const Correction &correction, double gate) con
 
 /// Update state and tracks by the hypothesis that the stars confirm.
 void AttitudeModel::use(const Explanation &confirmed, const Measured &measured, const Gyro &gyro,
-                        TrackBank &bank, FrameUpdate &update, Arena &arena) {
+                        TrackList &bank, FrameUpdate &update, Arena &arena) {
     const Hypothesis &hypothesis = confirmed.hypothesis;
     const Correction &correction = confirmed.correction;
     const AttitudeState before = state_;
@@ -420,7 +420,7 @@ void AttitudeModel::use(const Explanation &confirmed, const Measured &measured, 
 
 /// Propagate without an update: every star counts as missed.
 void AttitudeModel::go_without(const Explanation &nominal, const Measured &measured,
-                               const Gyro &gyro, TrackBank &bank, FrameUpdate &update,
+                               const Gyro &gyro, TrackList &bank, FrameUpdate &update,
                                Arena &arena) {
     const Hypothesis &hypothesis = nominal.hypothesis;
     const Vector3 acceleration = hypothesis.acceleration();
@@ -519,7 +519,7 @@ Matrix3 AttitudeModel::by_streaks(const CentroidFrame &frame, const Vector3 &rat
 /// Bring the tracks that are in the image to the state, with their centroids where the frame is
 /// used; list the detected stars.
 void AttitudeModel::follow_tracks(const Correction &correction, const Measured &measured,
-                                  const Vector3 &acceleration_rad_s2, bool used, TrackBank &bank,
+                                  const Vector3 &acceleration_rad_s2, bool used, TrackList &bank,
                                   FrameUpdate &update, Arena &arena) {
     const CentroidFrame &frame = measured.frame;
     const auto centroids = static_cast<size_t>(frame.count);
@@ -576,7 +576,7 @@ void AttitudeModel::follow_tracks(const Correction &correction, const Measured &
 /// Add what a motion that begins within the frame may have done, or what else it may be.
 ///
 /// Stars whose flux jumps within the exposure are not seen at its mean, and rows of a rolling shutter
-/// are exposed before and after. A frame whose stamp errs looks like a jump as well.
+/// are exposed before and after. A timestamp error looks like a jump as well.
 void AttitudeModel::doubt_jump(const AttitudeState &before, const Hypothesis &hypothesis,
                                const CentroidFrame &frame) {
     if (hypothesis.motion == nullptr) {
@@ -666,7 +666,7 @@ void AttitudeModel::check_covariance() {
 /// Use the gyro once it has agreed with the stars for confirm_frames; report if it does not.
 ///
 /// A wrong unit, axis or sign gives rates that would lose the stars.
-void AttitudeModel::compare_gyro(int64_t before_ns, bool was_used, const TrackBank &bank,
+void AttitudeModel::compare_gyro(int64_t before_ns, bool was_used, const TrackList &bank,
                                  const SkyFile &sky, const Gyro &gyro, Arena &arena) {
     const int64_t stamp_ns = state_.stamp_ns;
     if (is_saturated(stamp_ns, gyro)) {

@@ -55,7 +55,7 @@ public:
     /// Predict the tracks to the time of a newer frame, of this sky, associate its centroids, update
     /// the state, check it. What update has is in memory of the arena.
     void update(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
-                const Gyro &gyro, TrackBank &bank, FrameUpdate &update, Arena &arena);
+                const Gyro &gyro, TrackList &bank, FrameUpdate &update, Arena &arena);
 
     /// Return the errors of an attitude of the last frame: that of the filter, of covariance own, or
     /// that of the stars of the frame alone; without those that last from frame to frame.
@@ -132,7 +132,7 @@ private:
     };
 
     Measured measured(int64_t stamp_ns, const CentroidFrame &frame, const ApparentSky &sky,
-                      const TrackBank &bank, Arena &arena, Arena &work) const;
+                      const TrackList &bank, Arena &arena, Arena &work) const;
     void explain(const Measured &measured, const Gyro &gyro, Explanation &nominal,
                  Explanation &confirmed, Arena &arena);
     bool hypothesis(int number, bool with_gyro, const Measured &measured, const Gyro &gyro,
@@ -143,9 +143,9 @@ private:
     bool is_consistent(const Correction &correction, double gate) const;
 
     void use(const Explanation &confirmed, const Measured &measured, const Gyro &gyro,
-             TrackBank &bank, FrameUpdate &update, Arena &arena);
+             TrackList &bank, FrameUpdate &update, Arena &arena);
     void go_without(const Explanation &nominal, const Measured &measured, const Gyro &gyro,
-                    TrackBank &bank, FrameUpdate &update, Arena &arena);
+                    TrackList &bank, FrameUpdate &update, Arena &arena);
     void update_by(const Explanation &confirmed, const Measured &measured);
     void set_motion(bool uses_gyro);
     Matrix3 by_streaks(const CentroidFrame &frame, const Vector3 &rate_rad_s) const;
@@ -153,10 +153,10 @@ private:
                     const CentroidFrame &frame);
     void doubt_shutter(const Correction &correction);
     void follow_tracks(const Correction &correction, const Measured &measured,
-                       const Vector3 &acceleration_rad_s2, bool used, TrackBank &bank,
+                       const Vector3 &acceleration_rad_s2, bool used, TrackList &bank,
                        FrameUpdate &update, Arena &arena);
     void check_covariance();
-    void compare_gyro(int64_t before_ns, bool was_used, const TrackBank &bank, const SkyFile &sky,
+    void compare_gyro(int64_t before_ns, bool was_used, const TrackList &bank, const SkyFile &sky,
                       const Gyro &gyro, Arena &arena);
     bool is_saturated(int64_t stamp_ns, const Gyro &gyro) const;
 
@@ -169,7 +169,7 @@ private:
 
     Motion motion_{}, next_{}, predicted_[2]{};
     AttitudeState state_{};
-    Matrix<6, 6> covariance_{};  // of turn and rate, with what may be wrong beside the filter
+    Matrix<6, 6> covariance_{};  // of turn and rate, with errors outside the filter
     bool uses_gyro_ = false, has_measured_ = false;
     Quaternion measured_quaternion_{};
     Matrix3 measured_covariance_{}, common_{};

@@ -29,7 +29,7 @@ Track started_track(uint32_t track_id, int32_t star, const st_centroid &centroid
     return track;
 }
 
-void select(TrackBank &bank, const bool *kept) {
+void select(TrackList &bank, const bool *kept) {
     int count = 0;
     for (int n = 0; n < bank.count; ++n) {
         if (kept[n]) {
@@ -42,7 +42,7 @@ void select(TrackBank &bank, const bool *kept) {
     bank.count = count;
 }
 
-bool has_star(const TrackBank &bank, int32_t star) {
+bool has_star(const TrackList &bank, int32_t star) {
     return std::any_of(bank.begin(), bank.end(),
                        [&](const Track &track) { return track.star == star; });
 }
@@ -84,7 +84,7 @@ void confirm(Track &track, int confirm_frames) {
     track.confirmed = track.confirmed || (track.missed == 0 && track.age >= confirm_frames);
 }
 
-int publish(const TrackBank &bank, const SkyFile &file, bool identified, st_star_track *tracks,
+int publish(const TrackList &bank, const SkyFile &file, bool identified, st_star_track *tracks,
             int capacity) {
     const int count = std::min(bank.count, capacity);
     for (int n = 0; n < count; ++n) {

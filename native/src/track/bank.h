@@ -36,17 +36,17 @@ struct Track {
 };
 
 /// In the order of their starts; left_out counts those that had no place.
-using TrackBank = List<Track>;
+using TrackList = List<Track>;
 
 /// Return a new track of a centroid, of variance px^2 per axis, at rest.
 Track started_track(uint32_t track_id, int32_t star, const st_centroid &centroid, double variance,
                     bool confirmed);
 
 /// Keep the tracks of a mask (count), in their order.
-void select(TrackBank &bank, const bool *kept);
+void select(TrackList &bank, const bool *kept);
 
 /// Whether a star has a track.
-bool has_star(const TrackBank &bank, int32_t star);
+bool has_star(const TrackList &bank, int32_t star);
 
 /// Bring a track to the next frame with its most probable centroid of an association, of which it is
 /// track n; predicted is where it was expected, variance (M) that of the centroids (M) in px^2.
@@ -70,7 +70,7 @@ inline bool is_kept_after_fit(const Track &track, double normalised, double most
 void confirm(Track &track, int confirm_frames);
 
 /// Return tracks for publication; unless identified, without hip and magnitude. Returns how many.
-int publish(const TrackBank &bank, const SkyFile &file, bool identified, st_star_track *tracks,
+int publish(const TrackList &bank, const SkyFile &file, bool identified, st_star_track *tracks,
             int capacity);
 
 }  // namespace st

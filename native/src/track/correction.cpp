@@ -146,7 +146,8 @@ void summarise(const Places &centroids, Correction &correction, Arena &work) {
     correction.precise = median_of(normalised, half) / std::sqrt(left > 0.1 ? left : 0.1);
 }
 
-/// Return L^-1 v with S = L L^T, a vector of covariance S whitened; NaN where S is no covariance.
+/// Return L^-1 v with S = L L^T, a vector of covariance S whitened; NaN where S is not a
+/// covariance.
 Vector3 whitened(const Matrix3 &S, const Vector3 &v) {
     Matrix3 L;
     if (!cholesky(S, L)) {

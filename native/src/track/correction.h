@@ -21,7 +21,8 @@ struct FollowedStars {
     const bool *usable;
 };
 
-/// Least inliers of a correction, and the residual over its sigma from which on a star is none.
+/// Least inliers of a correction, and the residual over its sigma from which on a star is an
+/// outlier.
 struct CorrectionLimits {
     int min_stars;
     double outlier_sigmas;

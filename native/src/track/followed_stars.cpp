@@ -8,7 +8,7 @@
 namespace st {
 
 void detected_stars(const Lens &lens, const Quaternion &attitude, const Vector3 &rate_rad_s,
-                    const TrackBank &bank, const Vector3 *icrf, const double *distance,
+                    const TrackList &bank, const Vector3 *icrf, const double *distance,
                     const int32_t *best, const Places &centroids, List<DetectedStar> &detected) {
     const Matrix3 R = matrix_from_quaternion(attitude);
     for (int n = 0; n < bank.count; ++n) {

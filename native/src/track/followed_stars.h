@@ -15,7 +15,7 @@ namespace st {
 /// icrf and distance (count of bank) are the stars' directions, and the distances of their centroids
 /// best (count of bank) by the corrected attitude, not finite where a star was missed.
 void detected_stars(const Lens &lens, const Quaternion &attitude, const Vector3 &rate_rad_s,
-                    const TrackBank &bank, const Vector3 *icrf, const double *distance,
+                    const TrackList &bank, const Vector3 *icrf, const double *distance,
                     const int32_t *best, const Places &centroids, List<DetectedStar> &detected);
 
 }  // namespace st

@@ -7,7 +7,7 @@
 // frame before. Without one, or where that does not identify them, they are identified with a wide
 // tolerance, and the rate is that which explains their residuals (rolling_shutter.h).
 //
-// Planets, Moon and Sun are no stars: what is identified in their light is left out.
+// Planets, Moon and Sun are not stars: what is identified in their light is left out.
 
 #pragma once
 

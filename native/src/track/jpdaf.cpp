@@ -77,8 +77,8 @@ int centroids_in_gates(const Association &association, Arena &work) {
 /// Nodes of the Gauss-Laguerre rule, and the logarithms of its weights up to a common term.
 ///
 /// Of the weight x^alpha e^-x: eigenvalues of the matrix with diagonal 2 k + 1 + alpha and
-/// sqrt(k (k + alpha)) beside it, found by bisection with Sturm's sequence (Golub and Welsch, Math.
-/// Comp. 23, 1969); the weight is one over the sum of the squared orthonormal polynomials.
+/// sqrt(k (k + alpha)) next to it, found by bisection with Sturm's sequence (Golub and Welsch,
+/// Math. Comp. 23, 1969); the weight is one over the sum of the squared orthonormal polynomials.
 class LaguerreRule {
 public:
     LaguerreRule(int nodes, double alpha) : nodes_(nodes), alpha_(alpha) {}

@@ -10,7 +10,7 @@
 
 namespace st {
 
-double zero_point(const TrackBank &bank, const SkyFile &file, Arena &work) {
+double zero_point(const TrackList &bank, const SkyFile &file, Arena &work) {
     const Arena::Scope scope(work);
     auto *measured = work.take<double>(static_cast<size_t>(bank.count));
     int count = 0;

@@ -10,7 +10,7 @@
 
 namespace st {
 
-/// Below rotation_fit's OUTLIER_SIGMA, so that a new star is no outlier in the next frame.
+/// Below rotation_fit's OUTLIER_SIGMA, so that a new star is not an outlier in the next frame.
 constexpr double NEW_STAR_SIGMA = 4.0;
 
 /// Of the brightness of a variable: a sine has its extremes at 1.4.
@@ -32,7 +32,7 @@ struct NewStar {
 
 /// Return the median magnitude of 1 DN by the detected stars of a bank; NaN without any, or where
 /// one has no positive flux.
-double zero_point(const TrackBank &bank, const SkyFile &file, Arena &work);
+double zero_point(const TrackList &bank, const SkyFile &file, Arena &work);
 
 /// Return the bytes of work memory of match_new_stars(), for so many stars in view.
 size_t match_new_stars_bytes(int stars, int centroids);
@@ -41,8 +41,8 @@ size_t match_new_stars_bytes(int stars, int centroids);
 ///
 /// zero_point is the magnitude of 1 DN; covariance that of the attitude, rad^2 on sensor axes. A pair
 /// agrees in position and magnitude, and neither of the two agrees with any other. Of a variable
-/// star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star makes pairs ambiguous and
-/// is in none itself. lens is that of the camera.
+/// star the magnitude is uncertain by VARIABLE_SIGMAS more. A crowded star makes pairs ambiguous
+/// and is in none itself. lens is that of the camera.
 void match_new_stars(const ApparentSky &sky, const Quaternion &attitude, const Matrix3 &covariance,
                      const Lens &lens, const FreeCentroid *free, int count, double zero_point,
                      double magnitude_tolerance, StarsInView &view, List<NewStar> &found,

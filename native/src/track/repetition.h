@@ -22,7 +22,7 @@ public:
     }
 
     /// Add a frame; return whether it is the one before, of a source whose frames have differed. A
-    /// frame that is shown again and again from the start is no fault.
+    /// frame that is shown again and again from the start is not a fault.
     bool add(const CentroidFrame &frame);
 
 private:

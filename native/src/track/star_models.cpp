@@ -63,7 +63,7 @@ Measured measured(const st_centroid *centroids, int count, const st_tracking_opt
 /// all tracks would be too small. The noise of a track is multiplied by the variance of its star over
 /// that of the mean of all stars, N if they are equally good. Then each track has the gain of one
 /// filter of the common motion, and the attitude of all tracks the covariance of that filter.
-double information_of(const TrackBank &bank) {
+double information_of(const TrackList &bank) {
     double information = 0.0;
     for (const Track &track : bank) {
         information += track.confirmed ? 1 / track.variance : 0.0;
@@ -182,7 +182,7 @@ struct Predicted {
 };
 
 Predicted predicted_places(const StarModel &model, const ApparentSky &sky, Arena &work) {
-    const TrackBank &bank = model.bank;
+    const TrackList &bank = model.bank;
     const auto n = static_cast<size_t>(bank.count);
     auto *uv = work.take<Point>(n);
     auto *error = work.take<Covariance2>(n);
@@ -199,7 +199,7 @@ Predicted predicted_places(const StarModel &model, const ApparentSky &sky, Arena
 Association associate_filters(const Measured &frame, const Predicted &stars,
                               const st_tracking_options &options, StarModel &model, Arena &memory,
                               Arena &work) {
-    TrackBank &bank = model.bank;
+    TrackList &bank = model.bank;
     int32_t *confirmed = nullptr;
     if (options.sna_confirmation != 0) {
         confirmed = work.take<int32_t>(static_cast<size_t>(bank.count));
@@ -219,7 +219,7 @@ Association associate_filters(const Measured &frame, const Predicted &stars,
 /// Set each star to the centroid of the star neighbourhood approach.
 Association associate_neighbours(const Measured &frame, const Predicted &stars, StarModel &model,
                                  Arena &memory, Arena &work) {
-    TrackBank &bank = model.bank;
+    TrackList &bank = model.bank;
     auto *assigned = work.take<int32_t>(static_cast<size_t>(bank.count));
     star_neighbourhood(model.lens, pixel_angle(model.lens), stars.places.uv, stars.icrf,
                        bank.count, frame.uv, frame.sigma_px, frame.count, assigned, work);
@@ -243,7 +243,7 @@ Association associate_neighbours(const Measured &frame, const Predicted &stars, 
 
 bool fit(const Predicted &stars, const st_tracking_options &options, const StarModel &model,
          RotationFit &found, Arena &work) {
-    const TrackBank &bank = model.bank;
+    const TrackList &bank = model.bank;
     const auto n = static_cast<size_t>(bank.count);
     auto *uv = work.take<Point>(n);
     auto *sigma_px = work.take<double>(n);
@@ -409,7 +409,7 @@ void update_stars(int64_t stamp_ns, const st_centroid *centroids, int count,
     }
     updated.fit.attitude.covariance =
         updated.fit.attitude.covariance +
-        pointing_covariance(model.lens, common_error(centroids, count), nullptr);
+        pointing_covariance(model.lens, correlated_error(centroids, count), nullptr);
 }
 
 }  // namespace st

@@ -33,7 +33,7 @@ struct StarModel {
     st_motion_model kind;
     Lens lens;
     DetectionModel detection;
-    TrackBank bank;
+    TrackList bank;
     int64_t stamp_ns, fitted_ns;
     Quaternion fitted;
     Matrix3 fitted_covariance;

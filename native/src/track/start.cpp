@@ -135,9 +135,10 @@ bool fit_identified(const Lens &lens, const ApparentSky &sky, const st_tracking_
     fit_error_ellipses(lens, uv, error, icrf, fit.attitude, work);
     frame.stamp_ns = stamp_ns;
     frame.quaternion = fit.attitude.quaternion;
-    frame.covariance = fit.attitude.covariance +
-                       pointing_covariance(
-                           lens, common_error(frame.centroid.item, frame.centroid.count), nullptr);
+    frame.covariance =
+        fit.attitude.covariance +
+        pointing_covariance(lens, correlated_error(frame.centroid.item, frame.centroid.count),
+                            nullptr);
     frame.scale = fit.scale;
     return true;
 }

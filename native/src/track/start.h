@@ -45,7 +45,7 @@ bool fit_identified(const Lens &lens, const ApparentSky &sky, const st_tracking_
                     IdentifiedFrame &frame, st_reason &reason, Arena &work);
 
 /// Whether a tracked attitude of the same frame is too far from an identified one, in sigma and in
-/// pixels: a small sigma alone, or a poor lens alone, is no contradiction.
+/// pixels: a small sigma alone, or a poor lens alone, is not a contradiction.
 bool contradicts(const IdentifiedFrame &frame, const Quaternion &tracked,
                  const Matrix3 &tracked_covariance, const Lens &lens, const ApparentSky &sky,
                  double max_residual_px);

@@ -14,7 +14,7 @@ size_t lasting_errors_bytes(int tracks) {
     return 2 * Arena::padded<Vector3>(count) + Arena::padded<double>(count);
 }
 
-void add_lasting_errors(const Lens &lens, const TrackBank &bank, const SkyFile &sky,
+void add_lasting_errors(const Lens &lens, const TrackList &bank, const SkyFile &sky,
                         const LastingErrors &errors, const st_observer *observer,
                         const Quaternion &attitude, st_budget &budget, Arena &arena) {
     const Vector3 &turn = errors.stamp_turn_rad;

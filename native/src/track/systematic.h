@@ -19,7 +19,7 @@ struct LastingErrors {
 
 /// Set the terms of stamps, lens, observer and epoch of an attitude that was fitted to the detected
 /// tracks of a bank; observer null: without the latter two.
-void add_lasting_errors(const Lens &lens, const TrackBank &bank, const SkyFile &sky,
+void add_lasting_errors(const Lens &lens, const TrackList &bank, const SkyFile &sky,
                         const LastingErrors &errors, const st_observer *observer,
                         const Quaternion &attitude, st_budget &budget, Arena &arena);
 

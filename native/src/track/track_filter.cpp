@@ -41,7 +41,7 @@ TrackedAttitude attitude_of(const IdentifiedFrame &frame) {
 }
 
 /// Return options by which a list of tracks has this capacity.
-st_tracking_options with_room(st_tracking_options options, int tracks) {
+st_tracking_options with_capacity(st_tracking_options options, int tracks) {
     options.max_stars = tracks;
     return options;
 }
@@ -61,7 +61,7 @@ TrackFilter::TrackFilter(const st_config &config, const Lens &lens, ApparentSky 
         attitude_ = AttitudeModel(config, lens);
         bank_ = arena.list<Track>(tracks);
     } else {
-        make_star_model(with_room(options_, capacities.tracks), lens, arena, stars_);
+        make_star_model(with_capacity(options_, capacities.tracks), lens, arena, stars_);
     }
     repetition_ = Repetition(capacities.centroids, arena);
     search_.free = arena.list<st_centroid>(centroids);
@@ -84,7 +84,7 @@ size_t TrackFilter::bytes(const st_config &config, const TrackCapacities &capaci
     const bool by_attitude = config.tracking.model == ST_ATTITUDE_MODEL;
     return Arena::padded<MeasuredRate>(rates) + stars_in_view_bytes(capacities.view) +
            (by_attitude ? Arena::padded<Track>(tracks)
-                        : star_model_bytes(with_room(config.tracking, capacities.tracks))) +
+                        : star_model_bytes(with_capacity(config.tracking, capacities.tracks))) +
            Arena::padded<Point>(centroids) + Arena::padded<st_centroid>(centroids) +
            Arena::padded<RecentFrame>(frames) + frames * Arena::padded<st_centroid>(centroids) +
            Arena::padded<TrackedAttitude>(frames) +
@@ -95,7 +95,7 @@ size_t TrackFilter::work_bytes(const st_config &config, const TrackCapacities &c
     const int centroids = capacities.centroids, view = capacities.view;
     const auto n = static_cast<size_t>(capacities.tracks), m = static_cast<size_t>(centroids);
     const auto v = static_cast<size_t>(view);
-    const st_tracking_options options = with_room(config.tracking, capacities.tracks);
+    const st_tracking_options options = with_capacity(config.tracking, capacities.tracks);
     const size_t model =
         options.model == ST_ATTITUDE_MODEL
             ? AttitudeModel::work_bytes(capacities.tracks, centroids)
@@ -401,7 +401,8 @@ void TrackFilter::update_model(int64_t stamp_ns, const CentroidFrame &frame, Fra
         return;
     }
     StarUpdate done{};
-    const size_t bytes = star_update_work_bytes(with_room(options_, bank().capacity), frame.count);
+    const size_t bytes =
+        star_update_work_bytes(with_capacity(options_, bank().capacity), frame.count);
     Arena work(arena.take<std::byte>(bytes), bytes);
     update_stars(stamp_ns, frame.centroid, frame.count, measured_roll(stars_.stamp_ns, stamp_ns),
                  *sky_, options_, stars_, done, arena, work);
@@ -495,7 +496,7 @@ void TrackFilter::end_good_frame(int64_t stamp_ns, const FrameUpdate &update, Ar
 
 /// Drop missed stars, and enter LOST after max_bad_frames.
 void TrackFilter::end_bad_frame(const CentroidFrame &frame) {
-    // A sparse frame is no evidence against the tracks.
+    // A sparse frame is not evidence against the tracks.
     const bool sparse = is_sparse(frame);
     bad_frames_ += sparse ? 0 : 1;
     keep_tracks(nullptr, sparse);
@@ -509,7 +510,7 @@ void TrackFilter::end_bad_frame(const CentroidFrame &frame) {
 /// ones.
 void TrackFilter::keep_tracks(const FrameUpdate *update, bool sparse) {
     const double most_missed = sparse ? HUGE_VAL : options_.max_missed;
-    TrackBank &tracks = bank();
+    TrackList &tracks = bank();
     int left = 0;
     for (int n = 0; n < tracks.count; ++n) {
         Track track = tracks[n];
@@ -625,7 +626,7 @@ void TrackFilter::acquire_new_stars(Arena &arena) {
         return;
     }
     search_.is_due = false;
-    TrackBank &tracks = bank();
+    TrackList &tracks = bank();
     const int most = std::min(options_.max_stars, tracks.capacity);
     if (tracks.count >= most || search_.free.count == 0) {
         return;

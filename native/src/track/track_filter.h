@@ -96,10 +96,10 @@ public:
     void publish(List<st_star_track> &tracks) const;
 
     /// state and reason describe the last transition; contradiction is why the stars of the newest
-    /// frame are no attitude although some agree; frames_since_fix counts the frames since the last
-    /// good one, stars_matched its inliers, residual_px is their rms; late_frames counts those that
-    /// were not newer, rejected_centroids those without a finite position or a positive sigma,
-    /// checks_passed the identifications that agreed with the tracks.
+    /// frame are not an attitude although some agree; frames_since_fix counts the frames since the
+    /// last good one, stars_matched its inliers, residual_px is their rms; late_frames counts
+    /// those that were not newer, rejected_centroids those without a finite position or a positive
+    /// sigma, checks_passed the identifications that agreed with the tracks.
     st_state state = ST_LOST;
     st_reason reason{}, contradiction{};
     double residual_px = NAN;
@@ -138,8 +138,8 @@ private:
     };
 
     bool is_attitude() const { return options_.model == ST_ATTITUDE_MODEL; }
-    TrackBank &bank() { return is_attitude() ? bank_ : stars_.bank; }
-    const TrackBank &bank() const { return is_attitude() ? bank_ : stars_.bank; }
+    TrackList &bank() { return is_attitude() ? bank_ : stars_.bank; }
+    const TrackList &bank() const { return is_attitude() ? bank_ : stars_.bank; }
     Lens model_lens() const { return is_attitude() ? attitude_.lens() : lens_; }
     Vector3 rate_rad_s() const;
     Matrix3 rate_covariance() const;
@@ -185,7 +185,7 @@ private:
     StarsInView view_{};
     AttitudeModel attitude_;
     StarModel stars_{};
-    TrackBank bank_;
+    TrackList bank_;
 
     bool has_stamp_ = false;
     int64_t stamp_ns_ = 0, before_ns_ = 0, tracks_ns_ = 0, good_ns_ = 0;

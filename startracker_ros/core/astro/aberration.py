@@ -30,7 +30,7 @@ class Air(NamedTuple):
     b_rad: float
 
 
-class Vantage(NamedTuple):
+class ObserverState(NamedTuple):
     """
     Velocity (3,) in m/s about the barycentre of the solar system, and position (3,) in au.
 
@@ -43,23 +43,23 @@ class Vantage(NamedTuple):
     air: Air | None = None
 
 
-def vantage_near_earth(year: float, velocity_m_s: np.ndarray) -> Vantage:
-    """Return the vantage of an observer whose geocentric velocity (3,) is known; EpochError."""
+def state_near_earth(year: float, velocity_m_s: np.ndarray) -> ObserverState:
+    """Return the state of an observer of known geocentric velocity (3,); EpochError."""
     heliocentric_au, _, earth_m_s = earth_state(year)
-    return Vantage(earth_m_s + velocity_m_s, heliocentric_au)
+    return ObserverState(earth_m_s + velocity_m_s, heliocentric_au)
 
 
-def apparent_directions(directions: np.ndarray, vantage: Vantage) -> np.ndarray:
+def apparent_directions(directions: np.ndarray, state: ObserverState) -> np.ndarray:
     """Return the unit vectors (N, 3) that an observer measures of natural ones (N, 3)."""
-    apparent = aberrate(deflect(directions, vantage.heliocentric_au), vantage.velocity_m_s)
-    return apparent if vantage.air is None else refract(apparent, vantage.air)
+    apparent = aberrate(deflect(directions, state.heliocentric_au), state.velocity_m_s)
+    return apparent if state.air is None else refract(apparent, state.air)
 
 
-def natural_directions(apparent: np.ndarray, vantage: Vantage) -> np.ndarray:
+def natural_directions(apparent: np.ndarray, state: ObserverState) -> np.ndarray:
     """Return the unit vectors (N, 3) whose apparent_directions() are these; to 1e-6 arcsec."""
     directions = apparent
     for _ in range(_INVERSE_ITERATIONS):
-        directions = directions + apparent - apparent_directions(directions, vantage)
+        directions = directions + apparent - apparent_directions(directions, state)
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     return directions
 

@@ -33,7 +33,7 @@ _PHASE_MAGNITUDE = np.array([
     [-1.52, 0.016, 0, 0, 0], [-9.40, 0.005, 0, 0, 0], [-8.88, 0, 0, 0, 0], [-7.19, 0, 0, 0, 0],
     [-6.87, 0, 0, 0, 0], [0.23, 0.026, 0, 0, 4e-9]])
 _SUN_MAGNITUDE = -26.74
-# Of plan94 beside JPL ephemerides.
+# Of plan94 against JPL ephemerides.
 _SERIES_ERROR_RAD = 60 * ARCSEC
 # Farthest from the centre of the Earth that an observer of unknown position is: 600 km high.
 _UNKNOWN_POSITION_M = EARTH_RADIUS_M + 600e3
@@ -114,7 +114,7 @@ def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> Bodi
 
 
 def bodies_at(stamp_ns: int, position_m: np.ndarray | None = None) -> BodiesInSky | None:
-    """Return bodies_from_earth() within 5 s of a stamp, None for one that is no date."""
+    """Return bodies_from_earth() within 5 s of a stamp, None for one that is not a date."""
     place = None if position_m is None else tuple(position_m.tolist())
     return _bodies_in_step(stamp_ns // STEP_NS, place)
 

@@ -60,7 +60,7 @@ class KeplerOrbit:
     """Osculating elements at a stamp, propagated with J2."""
 
     def __init__(self, elements: Elements, stamp_ns: int) -> None:
-        """Raise OrbitError for elements that are no orbit about the Earth."""
+        """Raise OrbitError for elements that are not an orbit about the Earth."""
         a, e = elements.semi_major_axis_m, elements.eccentricity
         state = state_from_elements(elements)
         _check_height(a * (1 - e), a * (1 + e))
@@ -80,7 +80,7 @@ class TwoLineOrbit:
     """A two-line element set, propagated by SGP4 (Vallado et al., AIAA 2006-6753)."""
 
     def __init__(self, line_1: str, line_2: str) -> None:
-        """Raise OrbitError for lines that are no element set of an Earth satellite."""
+        """Raise OrbitError for lines that are not an element set of an Earth satellite."""
         for number, line in enumerate((line_1, line_2), 1):
             if len(line) != 69 or line[0] != str(number) or _checksum(line) != line[68]:
                 raise OrbitError(f'two-line elements: line {number} is {line!r}, which is not '

@@ -98,7 +98,7 @@ def _other_clock(late_s: float) -> str:
 
 def why_no_date(stamp_ns: int, other_clock: str = '') -> str:
     """
-    Return why a stamp is no UTC of a date from 2000 to 2100, and what to do; empty if it is one.
+    Return why a stamp is not UTC of a date from 2000 to 2100, and what to do; empty if it is one.
 
     The text is the same for all stamps of a run.
     """
@@ -112,7 +112,7 @@ def why_no_date(stamp_ns: int, other_clock: str = '') -> str:
     if 0 <= year - 1970 < _LONGEST_UPTIME_YEARS:
         return (f'stamps of {int(year)}: the driver stamps since boot, not UTC: {_UTC_HINT}; a '
                 'simulation may begin at a date, or have no aberration (aberration: none)')
-    return (f'stamps of {int(year)} are no UTC of a date from {FIRST_DATE_YEAR:.0f} to '
+    return (f'stamps of {int(year)} are not UTC of a date from {FIRST_DATE_YEAR:.0f} to '
             f'{LAST_YEAR:.0f}: the driver stamps by another clock: {_UTC_HINT}')
 
 
@@ -150,13 +150,13 @@ def julian_year(epoch: float | datetime | str, name: str = 'epoch') -> float:
                          'year as 2026.5, a datetime or a text as 2026-11-23')
     year = float(value)
     if not EPOCHS[0] <= year <= EPOCHS[1]:
-        raise ValueError(f'{name} = {year:.10g} is no Julian year from {EPOCHS[0]:g} to '
+        raise ValueError(f'{name} = {year:.10g} is not a Julian year from {EPOCHS[0]:g} to '
                          f'{EPOCHS[1]:g}, as 2026.5 is{_other_unit(year)}')
     return year
 
 
 def _other_unit(value: float) -> str:
-    """Return what a number that is no Julian year may be, empty where it may be nothing."""
+    """Return what a number that is not a Julian year may be, empty where it may be nothing."""
     years = {f'UNIX time in {unit}': 2000.0 + (value * unit_ns - _J2000_NS) / _YEAR_NS
              for unit, unit_ns in _UNIX_UNITS.items()}
     years |= {name: 2000.0 + (value - day) / DAYS_PER_YEAR for name, day in _DAY_COUNTS.items()}

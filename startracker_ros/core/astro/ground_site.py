@@ -23,7 +23,7 @@ class Site:
     """
     Geodetic latitude and longitude (WGS84, east positive) and height of a camera, and its air.
 
-    pressure_hpa None is that of the standard atmosphere at the height, 0 is none.
+    pressure_hpa None is that of the standard atmosphere at the height, 0 is without air.
     """
 
     latitude_deg: float

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.astro.aberration import Air, Vantage, vantage_near_earth
+from startracker_ros.core.astro.aberration import Air, ObserverState, state_near_earth
 from startracker_ros.core.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M, MAX_SPEED_M_S
 from startracker_ros.core.astro.earth import earth_state
@@ -58,7 +58,7 @@ class MotionError(ValueError):
 
 class Observer(NamedTuple):
     """
-    How the observer moves: vantage None where aberration is not corrected.
+    How the observer moves: state is None where aberration is not corrected.
 
     velocity_sigma_m_s is the 1 sigma of the unknown velocity per axis; used is full, earth_only
     or none, and reason why this is less than was requested, empty if it is not. trouble is
@@ -67,7 +67,7 @@ class Observer(NamedTuple):
     epoch of the stars.
     """
 
-    vantage: Vantage | None
+    state: ObserverState | None
     velocity_sigma_m_s: float
     used: str
     reason: str = ''
@@ -87,11 +87,11 @@ AT_REST = Observer(None, 0.0, 'none')
 def observer_at(year: float, velocity_m_s: np.ndarray | None, air: Air | None = None
                 ) -> Observer:
     """Return an observer of geocentric velocity (3,), None if it is unknown; EpochError."""
-    vantage = vantage_near_earth(
+    observer_state = state_near_earth(
         year, np.zeros(3) if velocity_m_s is None else velocity_m_s)._replace(air=air)
     if velocity_m_s is None:
-        return Observer(vantage, ORBIT_SIGMA_M_S, 'earth_only')
-    return Observer(vantage, KNOWN_SIGMA_M_S, 'full')
+        return Observer(observer_state, ORBIT_SIGMA_M_S, 'earth_only')
+    return Observer(observer_state, KNOWN_SIGMA_M_S, 'full')
 
 
 class ObserverMotion:
@@ -185,9 +185,9 @@ class ObserverMotion:
         if self._mode == 'full':
             velocity_m_s, reason = self._velocity_or_reason(stamp_ns)
             if velocity_m_s is not None:
-                return Observer(Vantage(earth_m_s + velocity_m_s, heliocentric_au),
+                return Observer(ObserverState(earth_m_s + velocity_m_s, heliocentric_au),
                                 KNOWN_SIGMA_M_S, 'full', bodies=bodies)
-        return Observer(Vantage(earth_m_s, heliocentric_au), ORBIT_SIGMA_M_S, 'earth_only',
+        return Observer(ObserverState(earth_m_s, heliocentric_au), ORBIT_SIGMA_M_S, 'earth_only',
                         reason, reason not in ('', _NO_ODOMETRY), bodies)
 
     def _velocity_or_reason(self, stamp_ns: int) -> tuple[np.ndarray | None, str]:

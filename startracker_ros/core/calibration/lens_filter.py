@@ -207,7 +207,7 @@ class LensFilter:
 
 
 def check_stars(frame: LensFrame, camera: Camera) -> None:
-    """Raise CalibrationError for stars that are no measurement of a camera; the text says why."""
+    """Raise CalibrationError for stars that do not measure a camera; the text says why."""
     if len(frame.uv) < LEAST_STARS:
         raise CalibrationError(
             f'{len(frame.uv)} identified stars in a frame, {LEAST_STARS} are needed')

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial import cKDTree
-from startracker_ros.core.astro.aberration import apparent_directions, Vantage
+from startracker_ros.core.astro.aberration import apparent_directions, ObserverState
 from startracker_ros.core.calibration.adjustment import MatchedStars
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -22,12 +22,12 @@ class View:
     """
     The centroids of one image and its approximate attitude q_icrf_from_sensor (4,).
 
-    vantage is that of the camera, None without aberration.
+    observer_state is that of the camera, None without aberration.
     """
 
     centroids: Centroids
     quaternion: np.ndarray
-    vantage: Vantage | None = None
+    observer_state: ObserverState | None = None
 
 
 def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
@@ -45,8 +45,8 @@ def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
                                & np.isfinite(centroids.sigma_px))
         near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
         direction = onboard.direction[near]
-        if view.vantage is not None:
-            direction = apparent_directions(direction, view.vantage)
+        if view.observer_state is not None:
+            direction = apparent_directions(direction, view.observer_state)
         uv = camera.project(rotate(conjugate(q), direction))
         inside = camera.contains(uv, -gate_px)
         near, uv, direction = near[inside], uv[inside], direction[inside]

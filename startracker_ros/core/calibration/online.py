@@ -28,7 +28,7 @@ _PARAMETERS = (slice(0, 1), slice(1, 3), slice(3, 4))  # focal length, principal
 # Of chance alone: parameters are compared with those in use at every frame left out.
 _SIGNIFICANCE = 1e-4
 _LEAST_GAIN, _GAIN_SIGMAS = 9.0, 3.0
-# A smaller change is not worth that all nodes begin anew.
+# A smaller change is not worth that all nodes restart.
 _LEAST_CHANGE_PX = 0.02
 _GRID = np.stack(np.meshgrid(*[np.linspace(0, 1, 9)] * 2), -1).reshape(-1, 2)
 _NORTH = np.array([0.0, 0.0, 0.0, 1.0])

@@ -81,7 +81,7 @@ def _fit(design: np.ndarray, observed: np.ndarray, steady: np.ndarray
     """
     Return parameters (P,), their errors (P,) and the rms residual of all observed (N,).
 
-    Fitted are those of steady (N,) that are no outliers.
+    Fitted are those of steady (N,) that are not outliers.
     """
     used = steady
     for _ in range(_ITERATIONS):

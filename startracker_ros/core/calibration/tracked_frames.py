@@ -6,7 +6,7 @@
 import math
 
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions, Vantage
+from startracker_ros.core.astro.aberration import apparent_directions, ObserverState
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.lens_filter import check_stars, LensFrame
@@ -22,14 +22,14 @@ _NORTH = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def tracked_frame(camera: Camera, onboard: OnboardCatalog, stamp_ns: int, centroids: Centroids,
-                  tracks: Tracks, vantage: Vantage | None = None,
+                  tracks: Tracks, observer_state: ObserverState | None = None,
                   temperature_c: float = math.nan) -> LensFrame:
     """
     Return the identified stars of one frame, as measured.
 
     Tracks are filtered with the camera in use, so their pixels would hide its errors: the
     centroids are used, each with the catalogue star of its track, at the time of the stamp.
-    Blended stars are left out. CalibrationError for a frame that is none of this camera.
+    Blended stars are left out. CalibrationError for a frame that is not one of this camera.
     """
     shown = np.isfinite(tracks.uv).all(axis=1) & (tracks.hip > 0) & (tracks.missed == 0)
     seen = np.flatnonzero(shown)
@@ -40,8 +40,8 @@ def tracked_frame(camera: Camera, onboard: OnboardCatalog, stamp_ns: int, centro
     known = (index >= 0) & ~onboard.crowded[index]
     pair, star, index = pair[known], star[known], index[known]
     direction = onboard.direction[index]
-    if vantage is not None:
-        direction = apparent_directions(direction, vantage)
+    if observer_state is not None:
+        direction = apparent_directions(direction, observer_state)
     # Rows of a rolling shutter have times of their own.
     uv = centroids.uv[pair] - tracks.velocity[star] * centroids.delay_s[pair, None]
     frame = LensFrame(stamp_ns, uv, centroids.sigma_px[pair], direction, _NORTH, temperature_c)

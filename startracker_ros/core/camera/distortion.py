@@ -36,7 +36,7 @@ class DistortionModel(NamedTuple):
 
 
 LARGEST_RAD = math.radians(175.0)
-"""The largest angle of a pixel to the optical axis: straight back is no direction."""
+"""The largest angle of a pixel to the optical axis: straight back is not a direction."""
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
 MODELS = {

@@ -100,7 +100,7 @@ def has_swapped_bytes(image: np.ndarray) -> bool:
     """
     Return whether the noise of an image (H, W) uint16, or mosaic, is that of swapped bytes.
 
-    Pixels differ little from those two beside them. With swapped bytes they differ by multiples
+    Pixels differ little from those two next to them. With swapped bytes they differ by multiples
     of 256, unless the values are those of 8 bits, shifted up.
     """
     first = max(0, (image.shape[1] - _SAMPLED_COLUMNS) // 2)

@@ -30,7 +30,7 @@ class CameraError(ValueError):
 
 
 def _whole(name: str, value: Any) -> int:
-    """Return a number of pixels as an int, 512.0 too; CameraError for what is no whole number."""
+    """Return a number of pixels as an int, 512.0 too; CameraError unless it is whole."""
     if not isinstance(value, Real) or float(value) != float(value) // 1:
         raise CameraError(f'{name} = {value!r} must be a whole number of px')
     return int(float(value))
@@ -72,7 +72,7 @@ class Camera:
         if not (0 < self.width <= LARGEST_SIDE_PX and 0 < self.height <= LARGEST_SIDE_PX):
             raise CameraError(f'image size {self.width} x {self.height} px is not possible')
         if self.distortion_model not in MODELS:
-            raise CameraError(f'distortion_model {self.distortion_model!r} is none of '
+            raise CameraError(f'distortion_model {self.distortion_model!r} is not one of '
                               f'{", ".join(MODELS)}')
         wanted = len(self.model.coefficients)
         if len(self.distortion) != wanted:
@@ -253,7 +253,7 @@ class Camera:
             return np.inf
         pixels = _GRID * [self.width - 1, self.height - 1]
         apart = np.abs(other.project(self.unproject(pixels)) - pixels)
-        # Outside the image circle are no stars.
+        # There are no stars outside the image circle.
         seen = apart[np.isfinite(apart)]
         return float(seen.max()) if len(seen) else np.inf
 

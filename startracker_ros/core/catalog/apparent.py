@@ -6,7 +6,7 @@
 from copy import copy
 
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions, Vantage
+from startracker_ros.core.astro.aberration import apparent_directions, ObserverState
 from startracker_ros.core.astro.bodies import BodiesInSky
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer, ObserverMotion
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
@@ -25,7 +25,7 @@ class ApparentCatalog:
 
     def __init__(self, onboard: OnboardCatalog, observer: Observer = AT_REST) -> None:
         self.onboard, self.observer = onboard, observer
-        self._directions = _Directions(onboard, observer.vantage)
+        self._directions = _Directions(onboard, observer.state)
         self._crowding = _Crowding(onboard, observer.bodies)
 
     def seen_by(self, observer: Observer) -> 'ApparentCatalog':
@@ -34,8 +34,8 @@ class ApparentCatalog:
             return self
         seen = copy(self)
         seen.observer = observer
-        if not self._directions.hold_for(observer.vantage):
-            seen._directions = _Directions(self.onboard, observer.vantage)
+        if not self._directions.hold_for(observer.state):
+            seen._directions = _Directions(self.onboard, observer.state)
         if observer.bodies is not self._crowding.bodies:
             seen._crowding = _Crowding(self.onboard, observer.bodies)
         return seen
@@ -75,30 +75,30 @@ class ApparentSky:
 
 
 class _Directions:
-    """The directions that were computed for a vantage."""
+    """The directions that were computed for a state of the observer."""
 
-    def __init__(self, onboard: OnboardCatalog, vantage: Vantage | None) -> None:
-        self._onboard, self._vantage = onboard, vantage
+    def __init__(self, onboard: OnboardCatalog, observer_state: ObserverState | None) -> None:
+        self._onboard, self._observer_state = onboard, observer_state
         self._direction = onboard.direction
-        if vantage is not None:
+        if observer_state is not None:
             self._direction = np.empty_like(onboard.direction)
             self._computed = np.zeros(len(onboard), bool)
 
-    def hold_for(self, vantage: Vantage | None) -> bool:
-        """Return whether the directions of another vantage are the same."""
-        own = self._vantage
-        if own is None or vantage is None:
-            return own is vantage
-        change_m_s = vantage.velocity_m_s - own.velocity_m_s
+    def hold_for(self, observer_state: ObserverState | None) -> bool:
+        """Return whether the directions of another state are the same."""
+        own = self._observer_state
+        if own is None or observer_state is None:
+            return own is observer_state
+        change_m_s = observer_state.velocity_m_s - own.velocity_m_s
         return bool(change_m_s @ change_m_s < _TOLERANCE_M_S ** 2)
 
     def of(self, star_index: np.ndarray) -> np.ndarray:
-        if self._vantage is not None:
+        if self._observer_state is not None:
             missing = star_index[~self._computed[star_index]]
             if len(missing):
                 self._computed[missing] = True
                 self._direction[missing] = apparent_directions(
-                    self._onboard.direction[missing], self._vantage)
+                    self._onboard.direction[missing], self._observer_state)
         return self._direction.take(star_index, axis=0)
 
 

@@ -39,7 +39,7 @@ class OnboardCatalog:
     unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
     that of all components together; crowded (N,) is True for entries blended with a neighbour.
     blended (N,) is True for these and for entries of several components, none much brighter than
-    the others: the image may be off the direction. crowd_rad is the separation of neighbours.
+    the others: the image may be elsewhere. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
     motion (N, 3) and parallax_rad (N,) are those of StarCatalog.changes(). stored is where the
     arrays are mapped from, sky_share the share of the sky that it covers.

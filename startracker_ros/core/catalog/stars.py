@@ -115,7 +115,7 @@ class StarCatalog:
 
         Both are in units of the distance at epoch_year, the velocity in rad a year, with that
         along the line of sight. From moved_au (3,) farther a star is later seen exactly along
-        direction + years * velocity - parallax_rad * moved_au, which is no unit vector.
+        direction + years * velocity - parallax_rad * moved_au, which is not a unit vector.
         """
         distance = _lengths(self._places(epoch_year, observer_au))
         # The same at all times; there it is not the difference of long ways.

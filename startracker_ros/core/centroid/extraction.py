@@ -48,7 +48,7 @@ class ExtractionOptions(Options):
     max_stars: int = option(
         40, 'maximum number of stars, the brightest ones', low=1, high=5000, live=True)
     exposure_s: float = option(
-        0.0, 'exposure time of the images; 0: that of exposure_start, without it learnt from the '
+        0.0, 'exposure time of the images; 0: that of exposure_start, else estimated from the '
         'length of streaks', unit='s', low=0.0, high=600.0)
     line_time_us: float = option(
         0.0, 'rolling shutter: delay from one row to the next; 0: global shutter', unit='us',
@@ -159,7 +159,7 @@ class CentroidExtractor:
         Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
 
         before is the last image that was searched, of the same size and type; it gives
-        background and PSF sigma. What contaminated it is taken out here too. The second result is
+        background and PSF sigma. What contaminated it is removed here too. The second result is
         `before` of the next image.
         """
         tracker = self._tracker_of(image)
@@ -192,7 +192,7 @@ class CentroidExtractor:
         return self._tracker_of(image).full_scale(image, background_dn)
 
     def _tracker_of(self, image: np.ndarray) -> ImageTracker:
-        """Return a tracker for an image; ValueError for what is none."""
+        """Return a tracker for an image; ValueError for what is not an image."""
         check_image(image)
         if self._tracker is None or not self._tracker.is_of(image):
             self._tracker = ImageTracker(image.shape, native_options(self._options))
@@ -209,7 +209,7 @@ def native_options(options: ExtractionOptions) -> dict[str, Any]:
 
 
 def check_image(image: np.ndarray) -> None:
-    """Raise ValueError for what is no image (H, W) uint8 or uint16."""
+    """Raise ValueError for what is not an image (H, W) uint8 or uint16."""
     if not isinstance(image, np.ndarray) or image.dtype not in (np.uint8, np.uint16):
         kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
         raise ValueError(f'image is {kind}, must be uint8 or uint16')

@@ -45,7 +45,7 @@ _ALL_REJECTED = 105
 
 
 def rejections(figures: Mapping[str, Any]) -> dict[str, int]:
-    """Return how many spots an EXTRACTION has left out for each of the KINDS that there are."""
+    """Return how many detections an EXTRACTION has left out for each of the KINDS."""
     return {kind: int(count) for kind, count in zip(KINDS, figures['rejected_by_kind']) if count}
 
 
@@ -65,7 +65,7 @@ def _threshold(sigmas: float, dn: float) -> str:
 
 
 def _rejected_text(rejected: Mapping[str, int]) -> str:
-    """Return what the spots are, the most frequent first, and what helps against those."""
+    """Return what the detections are, the most frequent first, and what helps against those."""
     counts = sorted(rejected.items(), key=lambda item: -item[1])
     kinds = ', '.join(f'{count} {_WORDS.get(kind, kind)}' for kind, count in counts)
     return (f'none of {sum(rejected.values())} detections is a star ({kinds}): '

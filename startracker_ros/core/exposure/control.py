@@ -127,7 +127,7 @@ _FULL = 0.95  # of the full scale, from which a background has no known level
 _DARKER_IF_FULL = 0.25
 # Exponents of 4 around the last setting with stars, which comes back every other time.
 _TRIED = (0, 0, 0, *(one for power in range(1, 7) for one in (power, 0, -power, 0)))
-_LEAST_CHANGE, _LEARNT_SHARE = 1.15, 0.3  # of the exposure, for the dark level
+_LEAST_CHANGE, _DARK_SHARE = 1.15, 0.3  # of the exposure, for the dark level
 
 
 class Setting(NamedTuple):
@@ -230,7 +230,7 @@ class Decision(NamedTuple):
 def next_setting(state: ControlState, setting: Setting, figures: ImageFigures,
                  limits: ExposureLimits) -> Decision:
     """Return the setting after an image that was taken with a setting."""
-    state = _learnt(state, setting, figures)
+    state = _estimated(state, setting, figures)
     fill = filled(figures, state.converter)
     full = fill >= _FULL
     if len(figures.flux) >= LEAST_STARS and not full:
@@ -284,7 +284,7 @@ def _motion_px_ms(state: ControlState, setting: Setting, figures: ImageFigures) 
     return min(state.streak_px_ms, SHORTEST_PX / setting.exposure_ms)
 
 
-def _learnt(state: ControlState, setting: Setting, figures: ImageFigures) -> ControlState:
+def _estimated(state: ControlState, setting: Setting, figures: ImageFigures) -> ControlState:
     """
     Return the state with full scale and dark level as an image shows them.
 
@@ -302,6 +302,6 @@ def _learnt(state: ControlState, setting: Setting, figures: ImageFigures) -> Con
         if before.gain == setting.gain and not 1 / _LEAST_CHANGE < times < _LEAST_CHANGE:
             seen_dn = (times * before_dn - background_dn) / (times - 1)
             seen_dn = float(np.clip(seen_dn, 0, min(before_dn, background_dn)))
-            dark_dn += _LEARNT_SHARE * (seen_dn - dark_dn)
+            dark_dn += _DARK_SHARE * (seen_dn - dark_dn)
     return replace(state, converter=Converter(min(dark_dn, background_dn), full_dn),
                    before=(setting, background_dn))

@@ -56,8 +56,8 @@ class AttitudeFusion:
     Fuses the frames of heads, in any order, and rates about body axes.
 
     mounts by name are those of the file; the first is the reference, whose mount defines the
-    body. heads are by name, mounts what is learnt of theirs; steps are the steps of mounts that
-    were found, to be taken out by the caller. ValueError as of NativeFusion.
+    body. heads are by name, mounts what is estimated of theirs; steps are the steps of mounts that
+    were found, to be subtracted by the caller. ValueError as of NativeFusion.
     """
 
     def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions = FusionOptions(),
@@ -131,18 +131,18 @@ class AttitudeFusion:
 
 
 class MountBank:
-    """The mounts of all heads as learnt so far."""
+    """The mounts of all heads as estimated so far."""
 
     def __init__(self, fusion: NativeFusion) -> None:
         self._fusion = fusion
 
-    def learnt(self) -> dict[str, Mount]:
+    def estimated(self) -> dict[str, Mount]:
         """Return the mounts for the file."""
-        mount, learnt = np.zeros((), native.MOUNT), {}
+        mount, estimated = np.zeros((), native.MOUNT), {}
         for name, number in self._fusion.numbers.items():
             self._fusion.call('learnt', number, mount.ctypes.data)
-            learnt[name] = mount_of(mount)
-        return learnt
+            estimated[name] = mount_of(mount)
+        return estimated
 
     def misalignment(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""
@@ -150,7 +150,7 @@ class MountBank:
         return offset, covariance
 
     def at(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return q_body_from_sensor (4,) at a time, bent as learnt, and its covariance (3, 3)."""
+        """Return q_body_from_sensor (4,) at a time, bent, and its covariance (3, 3)."""
         mount, _, covariance = self._known(name, stamp_ns)
         return mount, covariance
 

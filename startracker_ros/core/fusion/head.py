@@ -33,7 +33,7 @@ class HeadFrame:
     A measured attitude of a head.
 
     quaternion (4,) is q_icrf_from_sensor, covariance (3, 3) rad^2 about sensor axes. ValueError
-    when these are no attitude.
+    when these are not an attitude.
     """
 
     stamp_ns: int
@@ -45,7 +45,7 @@ class HeadFrame:
         q, C = self.quaternion.tolist(), self.covariance.tolist()
         # Written so that NaN is rejected.
         if not abs(math.hypot(*q) - 1) < 1e-6:
-            raise ValueError(f'quaternion {q} is no attitude')
+            raise ValueError(f'quaternion {q} is not an attitude')
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = C
         # Sylvester's criterion.
         minor = xx * yy - xy * yx

@@ -6,7 +6,7 @@ Mounts of the heads on the body, with the law by which they bend, and their file
 
 A mount is q_body_from_sensor: v_body = R(q) v_sensor. The true one is exp([m]x) R(q) with the
 misalignment m(t) = sum_k phi_k(t) c_k about body axes: phi is 1, the temperature of the head
-above its reference, and cosine and sine of the orbit, as far as these are learnt. The phase of the
+above its reference, and cosine and sine of the orbit, as far as estimated. The phase of the
 orbit counts from stamp 0, so that it lasts over a restart.
 """
 
@@ -41,10 +41,10 @@ class MountOptions(Options):
         unit='arcsec/sqrt(h)', low=0.0, high=1000.0)
     mount_temperature_arcsec_k: float = option(
         0.0, 'how much a mount may bend with the temperature of its head, 1 sigma of each axis; '
-        '0: nothing is learnt of it', unit='arcsec/K', low=0.0, high=1000.0)
+        '0: nothing is estimated of it', unit='arcsec/K', low=0.0, high=1000.0)
     mount_orbit_arcsec: float = option(
         0.0, 'how much a mount may bend with the period of the orbit, 1 sigma of cosine and of '
-        'sine; 0: nothing is learnt of it', unit='arcsec', low=0.0, high=1000.0)
+        'sine; 0: nothing is estimated of it', unit='arcsec', low=0.0, high=1000.0)
     orbit_period_s: float = option(
         5700.0, 'period of the orbit for mount_orbit_arcsec', unit='s', low=60.0, high=1e7)
 
@@ -56,7 +56,7 @@ class Mount:
 
     quaternion (4,) is q_body_from_sensor. covariance (3, 3) rad^2 is that of its misalignment
     about body axes, None where it is unknown. The head's stamps are time_offset_s late, which is
-    subtracted. law (3, 3) holds what was learnt about body axes: rad/K, rad of cosine, rad of
+    subtracted. law (3, 3) holds what was estimated about body axes: rad/K, rad of cosine, rad of
     sine. law_covariance (12, 12) is that of misalignment and law. temperature_c is where the first
     of the law is zero, NaN where it is unknown.
     """
@@ -113,7 +113,7 @@ def load_mounts(path: str | Path, heads: tuple[str, ...]) -> dict[str, Mount]:
 def _mount(head: str, entry: object) -> Mount:
     """Return the mount of one head of the document."""
     if not isinstance(entry, dict):
-        raise MountError(f'{head} is no mapping with a quaternion')
+        raise MountError(f'{head} is not a mapping with a quaternion')
     quaternion = _numbers(head, entry, 'quaternion', (4,))
     if quaternion is None:
         raise MountError(f'{head} has no quaternion')
@@ -128,7 +128,7 @@ def _mount(head: str, entry: object) -> Mount:
     for name, matrix in (('covariance_arcsec2', covariance),
                          ('law_covariance_arcsec2', law_covariance)):
         if matrix is not None and not _is_covariance(matrix):
-            raise MountError(f'{name} of {head} is no covariance')
+            raise MountError(f'{name} of {head} is not a covariance')
     return Mount(quaternion / norm, None if covariance is None else covariance * ARCSEC ** 2,
                  0.0 if offset is None else float(offset),
                  None if law is None else law * ARCSEC,

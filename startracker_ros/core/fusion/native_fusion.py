@@ -25,7 +25,7 @@ class NativeFusion:
     A fusion in memory of its own; one thread uses it at a time.
 
     names are those of the heads, numbers their places. ValueError for no heads, more than the
-    library has room for, or what is no mount.
+    library has room for, or what is not a mount.
     """
 
     def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions,

@@ -55,7 +55,7 @@ class FusionOptions(Options):
         high=1e5)
     acceleration_deg_s2: float = option(
         0.005, 'least process noise, 1 sigma of an angular acceleration that lasts for 0.1 s, '
-        'with and without a gyro; more is learnt from the heads', unit='deg/s^2', low=1e-6,
+        'with and without a gyro; more is estimated from the heads', unit='deg/s^2', low=1e-6,
         high=100.0)
     correlation_s: float = option(
         0.0, 'time over which the errors of the frames of one head are correlated: 0 for '

@@ -34,7 +34,7 @@ def icrf_identification(found: Identification, centroids: Centroids, camera: Cam
         return found
     sensor = camera.unproject(centroids.uv[known])
     sigma_rad = camera.pixel_rad * np.hypot(centroids.sigma_px[known], options.sigma_floor_px)
-    if sky.observer.vantage is not None:
+    if sky.observer.state is not None:
         found = _fitted(found, known, sensor, sky.direction(star_index[known]), sigma_rad, camera,
                         options.fov_error_percent / 100)
     assert found.attitude is not None

@@ -41,7 +41,7 @@ class BrightLevel(NamedTuple):
 
 class Rules(NamedTuple):
     """
-    What accepts a candidate, beside the options of an identification.
+    What accepts a candidate, in addition to the options of an identification.
 
     scale_error is that of the focal length, a share. Where bases_by_brightness, the stars of a
     candidate were chosen by their brightness, which is then no evidence for them. lens_known is

@@ -114,5 +114,5 @@ def _match(found: Verified) -> Match:
 
 
 def same_attitude(star: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two matches share two stars, which leaves no room for two attitudes."""
+    """Return whether two matches share two stars, which allow one attitude only."""
     return bool(np.count_nonzero((star >= 0) & (star == other)) >= 2)

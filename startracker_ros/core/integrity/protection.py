@@ -22,7 +22,7 @@ class ProtectionOptions(Options):
         1e-7, 'probability, of each frame, that the error of an axis exceeds protection_level',
         low=1e-12, high=0.1, live=True)
     false_star_probability: float = option(
-        1e-5, 'probability of a star, in each frame, that it is none (a blend, a planet, dust) '
+        1e-5, 'probability of a star, in each frame, to be false (a blend, a planet, dust) '
         'and that no test has rejected it', low=1e-9, high=0.01, live=True)
 
 

@@ -24,8 +24,7 @@ class ValidationOptions(Options):
         'stars, triad takes the two that determine the attitude best',
         choices=SOLVERS, live=True)
     min_stars: int = option(
-        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
-        'one',
+        4, 'fewest stars of a trusted attitude; three or fewer cannot show a wrong one',
         low=2, high=100, live=True)
     max_residual_px: float = option(
         1.0, 'largest rms residual of the stars, measured minus catalogue; '

@@ -41,7 +41,7 @@ def line_of_sight(camera: Camera, uv: np.ndarray, sigma_px: float, quaternion: n
     that of the attitude. Under a turn e of the sensor s changes by s x e.
     """
     if not abs(math.hypot(*quaternion) - 1) < 1e-6:
-        raise ValueError(f'quaternion {np.asarray(quaternion).tolist()} is no attitude')
+        raise ValueError(f'quaternion {np.asarray(quaternion).tolist()} is not an attitude')
     matrix = matrix_from_quaternion(np.asarray(quaternion, float))
     sensor = camera.unproject(np.asarray(uv, float))
     direction, covariance = matrix @ sensor, np.zeros((6, 6))

@@ -126,7 +126,7 @@ def _least_squares_step(R: np.ndarray, W: np.ndarray, r: np.ndarray
     rho_j = V_j . (r - R_j).
     """
     N = W.sum(axis=1)
-    # By cofactors: a singular one is no exception.
+    # By cofactors: a singular matrix raises nothing.
     cofactor = np.cross(N[:, [1, 2, 0]], N[:, [2, 0, 1]])
     determinant = np.einsum('ni,ni->n', N[:, 0], cofactor[:, 0])
     inverse = np.swapaxes(cofactor, 1, 2) / determinant[:, None, None]

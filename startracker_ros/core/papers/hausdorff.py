@@ -45,7 +45,7 @@ _FLAT_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class Pivots:
-    """Unit vectors (P, 3), and the star index (P,) of each; None where pivots are no stars."""
+    """Unit vectors (P, 3), and the star index (P,) of each; None where pivots are not stars."""
 
     direction: np.ndarray
     star: np.ndarray | None = None

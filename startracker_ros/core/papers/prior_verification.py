@@ -118,7 +118,7 @@ class PriorVerifier:
             row = self._associate(gates)
             known = np.flatnonzero(row >= 0)
             gates = self._updated(known, row[known])
-        # Two shared stars leave no room for two attitudes.
+        # Two shared stars allow one attitude only.
         contradicted = any(
             np.count_nonzero((other == row) & (row >= 0)) < 2
             and self._false_alarm(other, hypotheses[k]) <= false_alarm_max

@@ -35,7 +35,7 @@ _MIN_SEPARATION_PX = 20.0
 _QUAD_STARS = 20
 # Ratio of the trust in a star and in the next brighter one.
 _FAINTER_TRUST = 0.9
-# A quad that fits so many catalogue quads is no evidence and is skipped to save time.
+# A quad that fits so many catalogue quads is not evidence and is skipped to save time.
 _MAX_QUADS = 1000
 _MAX_JOINED = 500_000
 # Radius of a predicted field over that of the image: the image may have moved by a tenth of it.

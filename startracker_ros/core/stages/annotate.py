@@ -91,7 +91,7 @@ class Labels:
 
     def write(self, picture: np.ndarray, text: str, centre: tuple[int, int],
               colour: tuple[int, int, int], radius: int = 0) -> None:
-        """Write a label beside a mark, above or below it, unless it has no place there."""
+        """Write a label next to a mark, above or below it, unless it has no place there."""
         (width, height), _ = cv2.getTextSize(text, _FONT, _LETTERS * self.size, self.thick)
         u, v = centre
         aside = max(round((_CIRCLE_PX + 3) * self.size), radius + round(4 * self.size))

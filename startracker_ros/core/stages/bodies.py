@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Planets, Moon and Sun in an image, which are no stars."""
+"""Planets, Moon and Sun in an image, which are not stars."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

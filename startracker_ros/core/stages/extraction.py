@@ -23,7 +23,7 @@ class SearchOptions(Options):
         'is searched', unit='s', low=0.0, high=3600.0, live=True)
     max_stars_lost: int = option(
         160, 'maximum number of stars while the star tracker is lost: max_stars in the first '
-        'two images, then twice as many in every further two, for stars among brighter spots',
+        'two images, then twice as many in every further two, for stars among brighter detections',
         low=1, high=5000, live=True)
 
 
@@ -31,7 +31,7 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    The exposure time is that of the options, else that given with an image, else learnt from the
+    The exposure time is that of the options, else that of the image, else estimated from the
     length of the streaks in the images that are searched: the mean of many, by the lengths. A
     streak that the motion does not explain and that is the same in two images is the shape of the
     stars: an astigmatic lens draws it, however the camera moves.
@@ -69,8 +69,8 @@ class ExtractionStage:
 
         Without lost, that there is no prediction does not mean that no star tracker tracks. Where
         each pixel of the image is cell x cell pixels of the camera, predictions and positions are
-        in those of the camera, widths in those of the image. An image of another camera begins
-        anew.
+        in those of the camera, widths in those of the image. An image of another camera resets
+        the extractor.
         """
         check_image(image)
         if self.images is None or not self.images.is_of(image, cell):

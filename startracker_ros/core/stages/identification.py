@@ -44,7 +44,7 @@ class IdentificationStage:
     A method that predicts the attitude with the rates of a gyro identifies every frame: only a
     fresh prediction identifies a field of two or three stars. own are options of the method alone.
 
-    Planets, Moon and Sun are no stars: body_spots counts the centroids of the newest identified
+    Planets, Moon and Sun are not stars: body_spots counts the centroids of the newest identified
     frame that are these.
     """
 
@@ -89,7 +89,7 @@ class IdentificationStage:
         """
         Return whether a frame needs no identification, as the star tracker follows the stars.
 
-        A windowed frame, of stars that the tracker predicted, is no check of its tracks.
+        A windowed frame, of stars that the tracker predicted, is not a check of its tracks.
         """
         if self.uses_rates or not tracking:
             return False
@@ -119,7 +119,7 @@ class IdentificationStage:
 
     def _without_bodies(self, stamp_ns: int, found: Identification, centroids: Centroids
                         ) -> Identification:
-        """Return an identification in which planets, Moon and Sun are no stars."""
+        """Return an identification in which planets, Moon and Sun are not stars."""
         self.body_spots = 0
         bodies, camera = bodies_at(stamp_ns), self.identifier.camera
         if found.attitude is None or bodies is None or not bodies.reach(

@@ -6,7 +6,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions, natural_directions, Vantage
+from startracker_ros.core.astro.aberration import (
+    apparent_directions, natural_directions, ObserverState)
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 
@@ -18,13 +19,13 @@ class SkyMapping:
     """
     Pixels of an image to directions on ICRS axes as the catalogue has them, and back.
 
-    quaternion is q_icrf_from_sensor of the optical axis. With a vantage it was fitted to apparent
-    directions; without one to those of the catalogue.
+    quaternion is q_icrf_from_sensor of the optical axis. With an observer_state it was fitted to
+    apparent directions, without one to those of the catalogue.
     """
 
     camera: Camera
     quaternion: np.ndarray
-    vantage: Vantage | None = None
+    observer_state: ObserverState | None = None
 
     @property
     def reach_rad(self) -> float:
@@ -33,8 +34,8 @@ class SkyMapping:
 
     def pixels(self, directions: np.ndarray) -> np.ndarray:
         """Return the px (N, 2) of unit vectors (N, 3), NaN for those far outside the image."""
-        apparent = directions if self.vantage is None else apparent_directions(
-            directions, self.vantage)
+        apparent = directions if self.observer_state is None else apparent_directions(
+            directions, self.observer_state)
         sensor = apparent @ matrix_from_quaternion(self.quaternion)
         # Beyond the corners a distortion may fold back into the image.
         beyond = sensor[:, 2] < np.cos(self.reach_rad)
@@ -43,4 +44,5 @@ class SkyMapping:
     def directions(self, pixels: np.ndarray) -> np.ndarray:
         """Return unit vectors (N, 3) of pixels (N, 2)."""
         apparent = rotate(self.quaternion, self.camera.unproject(pixels))
-        return apparent if self.vantage is None else natural_directions(apparent, self.vantage)
+        return apparent if self.observer_state is None else natural_directions(
+            apparent, self.observer_state)

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which centroids are no star of the catalogue, by an attitude."""
+"""Which centroids are not stars of the catalogue, by an attitude."""
 
 import math
 

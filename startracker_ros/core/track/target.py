@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The target: the one centroid that is no star and moves against the stars."""
+"""The target: the one centroid that is not a star and moves against the stars."""
 
 from dataclasses import dataclass
 
@@ -37,7 +37,7 @@ is full of noise."""
 
 @dataclass(frozen=True)
 class TargetTrackOptions(Options):
-    """When a centroid that is no star counts as a target."""
+    """When a centroid that is not a star counts as a target."""
 
     target_min_rate_deg_s: float = option(
         0.001, 'slowest motion of a target against the stars', unit='deg/s', low=1e-6, high=10.0)
@@ -53,8 +53,8 @@ class TargetTrackOptions(Options):
         2.0, 'how long a target may be hidden, by a star that it passes, before it is given up',
         unit='s', low=0.0, high=5.0)
     target_min_shift_px: float = option(
-        1.0, 'how far it must have moved in the image: a spot that stays on its pixels while the '
-        'stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
+        1.0, 'how far it must have moved in the image: a detection that stays on its pixels while '
+        'the stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
 
 
 @dataclass
@@ -120,7 +120,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 def unexplained(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
                 centroids: Centroids) -> np.ndarray:
-    """Return which centroids (K,) are no catalogue star; none without a positive sigma."""
+    """Return which centroids (K,) are not a catalogue star; none without a positive sigma."""
     return stars.unexplained(
         sky, attitude, centroids.uv, centroids.sigma_px, EXPLAINED_PX, EXPLAINED_SIGMA)
 
@@ -140,11 +140,11 @@ class TargetSpot:
 
 class TargetTracker:
     """
-    Tracks the centroids that are no star; feed update() with every frame.
+    Tracks the centroids that are not stars; feed update() with every frame.
 
     A track begins with a pair of centroids in two frames in a row, of images that are searched as
     a whole. From then on predicted() has it, so that it is measured in the others as well. spots
-    counts the centroids that are no star in the last frame.
+    counts the centroids that are not stars in the last frame.
     """
 
     def __init__(self, camera: Camera, sky: ApparentSky,
@@ -174,7 +174,7 @@ class TargetTracker:
         Process a frame with its attitude; return the target if it is detected.
 
         Where windowed, only what was predicted was measured. Stamps ascend; one that is not newer
-        begins anew. Frames without an attitude are left out.
+        resets it. Frames without an attitude are left out.
         """
         dt_s = (stamp_ns - self._stamp_ns) * 1e-9
         if not 0 < dt_s <= MAX_GAP_S:

@@ -73,7 +73,7 @@ class TrackFilter:
     tracking, which fills in tracking.
 
     state and reason describe the last transition; contradiction is why the stars of the newest
-    frame are no attitude although some agree, empty if they are; frames_since_fix counts the
+    frame are not an attitude although some agree, empty if they are; frames_since_fix counts the
     frames since the last good one, stars_matched its inliers, residual_px is their rms residual
     (NaN without any); late_frames counts frames rejected as older than the last one,
     rejected_centroids those without a finite position or a positive sigma, checks_passed the
@@ -95,7 +95,7 @@ class TrackFilter:
         self._tracking = np.zeros((), native.TRACKING) if tracking is None else tracking
         self._hint = np.zeros((), native.HINT)
         self._tracking_at = self._tracking.ctypes.data
-        # Fields beside each other, which are read at once.
+        # Fields next to each other, which are read at once.
         self._whole = _fields(self._tracking, 'state', 'checks_passed', np.int32)
         self._figures = _fields(self._tracking, 'residual_px', 'stamp_sigma_s', np.float64)
         self.reset()
@@ -206,7 +206,7 @@ class TrackFilter:
 
     @property
     def contradiction(self) -> str:
-        """Return why the stars of the newest frame are no attitude although some agree."""
+        """Return why the stars of the newest frame are not an attitude although some agree."""
         return reason_text(self._tracking['contradiction'])
 
     @property

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Moving objects among centroids that are no star, linked over many frames at once.
+Moving objects among centroids that are not stars, linked over many frames at once.
 
 Two detections in neighbouring frames are a pair, two pairs that share a detection and go on at the
 same rate a triple. The longest chains of triples are fitted with a polynomial in time and
@@ -28,7 +28,7 @@ _FRAMES_A_DEGREE = 5
 
 class Detections(NamedTuple):
     """
-    Centroids that are no star, in the order of time.
+    Centroids that are not stars, in the order of time.
 
     frame (N,) numbers the frames, time_s (N,), direction (N, 3) on ICRF axes with variance (N,) in
     rad^2 per axis, uv (N, 2) px with sigma_px (N,).

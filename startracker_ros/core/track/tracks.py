@@ -115,7 +115,7 @@ class Acceleration(NamedTuple):
     How attitude and rate go on, about sensor axes, each (3,).
 
     mean in rad/s^2 and jerk in rad/s^3 are those of a cubic turn; sigma is the 1 sigma of the
-    acceleration after the frame, before that before it, beside the errors of attitude and rate.
+    acceleration after the frame, before that before it, without the errors of attitude and rate.
     """
 
     mean: np.ndarray

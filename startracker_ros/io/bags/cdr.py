@@ -291,7 +291,7 @@ def _add_status(body: _Body, level: int, name: str, message: str, hardware_id: s
 # --- reading ---
 
 def read_point_cloud(cdr: bytes) -> PointCloud:
-    """Return a PointCloud2; MessageError where the bytes are none."""
+    """Return a PointCloud2; MessageError for other bytes."""
     try:
         header, at = _read_header(cdr)
         at = _aligned(at, 4)
@@ -300,7 +300,7 @@ def read_point_cloud(cdr: bytes) -> PointCloud:
         at = _aligned(at + 8 + len(layout.data), 4)
         step, _, size = struct.unpack_from('<III', cdr, at)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
-        raise MessageError(f'{len(cdr)} bytes are no cloud: {error}') from error
+        raise MessageError(f'{len(cdr)} bytes are not a cloud: {error}') from error
     data = cdr[at + 12:at + 12 + size]
     if len(data) != size:
         raise MessageError(f'cloud of {size} bytes ends after {len(data)}')
@@ -341,7 +341,7 @@ def _layout(cdr: bytes, begin: int) -> _Layout:
 
 
 def read_image(cdr: bytes) -> Image:
-    """Return an Image without a copy of its pixels; MessageError where the bytes are none."""
+    """Return an Image without a copy of its pixels; MessageError for other bytes."""
     try:
         header, at = _read_header(cdr)
         at = _aligned(at, 4)
@@ -350,7 +350,7 @@ def read_image(cdr: bytes) -> Image:
         at = _aligned(end + 1, 4) + 8
         step, size = struct.unpack_from('<II', cdr, at - 8)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
-        raise MessageError(f'image message of {len(cdr)} bytes is none: {error}') from error
+        raise MessageError(f'image message of {len(cdr)} bytes is invalid: {error}') from error
     data = memoryview(cdr)[at:at + size]
     if len(data) != size:
         raise MessageError(f'image message of {len(cdr)} bytes is too short for {size} of data')
@@ -358,7 +358,7 @@ def read_image(cdr: bytes) -> Image:
 
 
 def read_status(cdr: bytes) -> Status:
-    """Return a DiagnosticStatus; MessageError where the bytes are none."""
+    """Return a DiagnosticStatus; MessageError for other bytes."""
     _check_encapsulation(cdr)
     try:
         name, at = _read_text(cdr, 5)
@@ -372,7 +372,7 @@ def read_status(cdr: bytes) -> Status:
             value, at = _read_text(cdr, at)
             values.append(KeyValue(key, value))
     except (struct.error, UnicodeDecodeError, IndexError) as error:
-        raise MessageError(f'{len(cdr)} bytes are no status: {error}') from error
+        raise MessageError(f'{len(cdr)} bytes are not status: {error}') from error
     return Status(cdr[4:5], name, message, hardware_id, tuple(values))
 
 
@@ -386,7 +386,7 @@ def _read_text(cdr: bytes, at: int) -> tuple[str, int]:
 
 
 def read_imu(cdr: bytes) -> Imu:
-    """Return an Imu; MessageError where the bytes are none."""
+    """Return an Imu; MessageError for other bytes."""
     header, doubles = _header_and_doubles(cdr, 37, 'Imu')
     # A copy, which is aligned.
     values = doubles[:25].copy()
@@ -395,7 +395,7 @@ def read_imu(cdr: bytes) -> Imu:
 
 
 def read_rates(cdr: bytes) -> Rates:
-    """Return header and body rate of an Imu; MessageError where the bytes are none."""
+    """Return header and body rate of an Imu; MessageError for other bytes."""
     header, doubles = _header_and_doubles(cdr, 37, 'Imu')
     return Rates(header, doubles[13:16], doubles[16:25])
 
@@ -406,11 +406,11 @@ def _header_and_doubles(cdr: bytes, count: int, kind: str) -> tuple[Header, np.n
         header, at = _read_header(cdr)
         return header, np.frombuffer(cdr, '<f8', count, 4 + _aligned(at - 4, 8))
     except (struct.error, UnicodeDecodeError, ValueError) as error:
-        raise MessageError(f'{len(cdr)} bytes are no {kind}: {error}') from error
+        raise MessageError(f'{len(cdr)} bytes are not {kind}: {error}') from error
 
 
 def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
-    """Return header and quaternion of a QuaternionStamped; MessageError where it is none."""
+    """Return header and quaternion of a QuaternionStamped; MessageError for other bytes."""
     header, doubles = _header_and_doubles(cdr, 4, 'QuaternionStamped')
     return header, Quaternion(*doubles.tolist())
 
@@ -418,7 +418,7 @@ def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
 def read_stamp(cdr: bytes) -> Stamp:
     """Return the stamp of a message that begins with a header, in either order of its bytes."""
     if len(cdr) < 12:
-        raise MessageError(f'{len(cdr)} bytes are no message with a header')
+        raise MessageError(f'{len(cdr)} bytes are not a message with a header')
     return Stamp(*struct.unpack_from('<iI' if cdr[1] & 1 else '>iI', cdr, 4))
 
 

@@ -79,7 +79,7 @@ def _information(path: BagPath) -> dict[str, Any]:
         with path.open('rb') as file:
             text = file.read(_MAX_METADATA_BYTES + 1)
         if len(text) > _MAX_METADATA_BYTES:
-            raise _MetadataError(f'more than {_MAX_METADATA_BYTES} bytes are no metadata')
+            raise _MetadataError(f'more than {_MAX_METADATA_BYTES} bytes are not metadata')
         document = load_yaml(text)
     except OSError as error:
         raise _MetadataError(str(error.strerror)) from error

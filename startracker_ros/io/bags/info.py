@@ -16,7 +16,7 @@ from startracker_ros.io.table import Result
 
 def describe(bag: Path) -> tuple[Result, list[str]]:
     """
-    Return a row for each topic, and the problems of the bag; BagError if it is no bag.
+    Return a row for each topic, and the problems of the bag; BagError if it is not a bag.
 
     A sound index is used alone; otherwise every message is read.
     """

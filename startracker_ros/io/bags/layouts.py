@@ -99,7 +99,7 @@ def image_from_message(message: Any) -> StarImage:
     Colours and the cells of a Bayer mosaic are joined, of YUV 4:2:2 the luminance is taken.
     """
     if message.encoding not in _ENCODINGS:
-        raise MessageError(f'image encoding {message.encoding!r} is none of '
+        raise MessageError(f'image encoding {message.encoding!r} is not one of '
                            f'{", ".join(_ENCODINGS)}')
     dtype, channels, grey = _ENCODINGS[message.encoding]
     if message.width == 0 or message.height == 0:
@@ -198,10 +198,10 @@ def _part(sensor: Camera, roi: tuple[int, int, int, int], binning: tuple[int, in
 
 
 def protection_from_message(message: Any) -> np.ndarray:
-    """Return the bound (3,) of a `protection_level`; MessageError where it is none."""
+    """Return the bound (3,) of a `protection_level`; MessageError for other values."""
     bound = np.array([message.vector.x, message.vector.y, message.vector.z])
     if not (bound > 0).all():
-        raise MessageError(f'protection level {bound.tolist()} is no bound')
+        raise MessageError(f'protection level {bound.tolist()} is not a bound')
     return bound
 
 

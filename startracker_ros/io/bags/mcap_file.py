@@ -121,7 +121,7 @@ class McapFile:
     """
 
     def __init__(self, path: BagPath) -> None:
-        """Open the file; BagError if it cannot be read or is no MCAP file."""
+        """Open the file; BagError if it cannot be read or is not an MCAP file."""
         self.path = path
         try:
             self._file: Any = path.open('rb')
@@ -136,7 +136,7 @@ class McapFile:
             raise BagError(f'cannot read {path}: {error.strerror}') from error
         if magic != MAGIC:
             self._file.close()
-            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
+            raise BagError(f'{path} is not an MCAP file: it starts with {magic!r}')
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.statistics: Statistics | None = None

@@ -53,7 +53,7 @@ class QosProfile:
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> 'QosProfile':
         """
-        Return the profile of a mapping of any version; ValueError if it is none.
+        Return the profile of a mapping of any version; ValueError for anything else.
 
         Missing entries keep their defaults.
         """
@@ -75,18 +75,18 @@ class QosProfile:
 
 
 def qos_from_yaml(text: str) -> tuple[QosProfile, ...]:
-    """Return the profiles of a channel's offered_qos_profiles; ValueError if they are none."""
+    """Return the profiles of a channel's offered_qos_profiles; ValueError for anything else."""
     entries = load_yaml(text)
     if not isinstance(entries or [], list) or not all(
             isinstance(entry, Mapping) for entry in entries or []):
-        raise ValueError(f'{text[:60]!r} is no list of profiles')
+        raise ValueError(f'{text[:60]!r} is not a list of profiles')
     return tuple(QosProfile.from_dict(entry) for entry in entries or [])
 
 
 def _duration_ns(name: str, value: Any) -> int:
     parts = [value.get(part, 0) for part in ('sec', 'nsec')] if isinstance(value, Mapping) else []
     if not parts or not all(type(part) is int for part in parts):
-        raise ValueError(f'{name} = {value!r} is no duration')
+        raise ValueError(f'{name} = {value!r} is not a duration')
     return min(max(parts[0] * 10 ** 9 + parts[1], 0), INFINITE_NS)
 
 

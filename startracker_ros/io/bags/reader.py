@@ -152,7 +152,7 @@ def decode(type_name: str, cdr: bytes, definition: Schema | None = None) -> Any:
     try:
         return decoder(cdr)
     except DECODING_ERRORS as error:
-        raise BagError(f'{len(cdr)} bytes are no {type_name}: {error}') from error
+        raise BagError(f'{len(cdr)} bytes are not {type_name}: {error}') from error
 
 
 @cache
@@ -168,7 +168,7 @@ def _decoder_of_bag(type_name: str, encoding: str, text: bytes) -> Callable[[byt
         decoder = _decoder(type_name, encoding, text)
     # A definition of anybody may make the parser raise anything.
     except Exception as error:
-        raise BagError(f'{type_name}: the definition in the bag is none: {error}') from error
+        raise BagError(f'{type_name}: the definition in the bag is invalid: {error}') from error
     if decoder is None:
         raise BagError(f'{type_name}: a definition as {encoding!r} cannot be read')
     return decoder

@@ -108,7 +108,7 @@ class BackgroundWriter:
 class RecordOptions(Options):
     """What is recorded, and where."""
 
-    folder: str = option('', 'folder of the bag, made anew; empty for startracker_<date>_<time>',
+    folder: str = option('', 'new folder of the bag; empty for startracker_<date>_<time>',
                          read_only=True)
     topics: tuple[str, ...] = option(('*',), 'patterns of full topic names, * for any characters',
                                      read_only=True)

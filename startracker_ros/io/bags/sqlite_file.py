@@ -35,7 +35,7 @@ class SqliteFile:
     is_sound = True
 
     def __init__(self, path: Path) -> None:
-        """Open the file; BagError if it is no bag."""
+        """Open the file; BagError if it is not a bag."""
         self.path = Path(path)
         self.compressions: set[str] = set()
         self.channels: dict[int, Channel] = {}
@@ -149,7 +149,7 @@ class SqliteFile:
             "SELECT name, sql FROM sqlite_master WHERE type = 'table'")
             if str(text).startswith('CREATE TABLE')}
         if not {'topics', 'messages'} <= tables:
-            raise BagError(f'{self.path} is no bag: it has the tables '
+            raise BagError(f'{self.path} is not a bag: it has the tables '
                            f'{", ".join(sorted(tables)) or "of none"}')
         definitions = {} if 'message_definitions' not in tables else {
             row['topic_type']: row for row in self._records('message_definitions')}
@@ -174,7 +174,7 @@ class SqliteFile:
 
 def _access(database: str) -> tuple[str, str]:
     """
-    Return parameters of the URI and the locking mode that leave no file beside a database.
+    Return parameters of the URI and the locking mode that leave no file next to a database.
 
     In WAL mode SQLite writes NAME-wal and NAME-shm there even to read it, and does not remove
     them again. It does not need them where the recorder has ended and its log is merged or can be

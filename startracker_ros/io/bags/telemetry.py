@@ -33,7 +33,7 @@ def rate_from_imu(message: Any) -> np.ndarray:
 def unit_quaternion(q: Any) -> np.ndarray:
     """Return a rotation (4,); MessageError where the norm is not 1."""
     if not abs(math.hypot(q.x, q.y, q.z, q.w) - 1) < 1e-6:
-        raise MessageError(f'orientation {[q.x, q.y, q.z, q.w]} is no attitude')
+        raise MessageError(f'orientation {[q.x, q.y, q.z, q.w]} is not an attitude')
     return np.array([q.x, q.y, q.z, q.w])
 
 

@@ -68,7 +68,7 @@ TABLE_TOPICS = {'attitude': ATTITUDE_TOPICS, 'tracks': ('tracks',),
 
 
 def write_csv(table: Table, path: Path) -> None:
-    """Write a table with one line of names; UTC beside the stamp, nothing for what is unknown."""
+    """Write a table with one line of names; UTC next to the stamp, nothing for what is unknown."""
     columns = {'utc': np.array([utc(stamp, digits=9) for stamp in table['stamp_ns']], object),
                **{name: _cells(column) for name, column in table.items()}}
     with output_file(path) as file:
@@ -98,7 +98,7 @@ def load_parquet_writer() -> Any:
 
 
 def write_parquet(table: Table, path: Path) -> None:
-    """Write a table; utc is a timestamp beside the stamp, what is unknown is null."""
+    """Write a table; utc is a timestamp next to the stamp, what is unknown is null."""
     pyarrow = load_parquet_writer()
     columns = {'utc': pyarrow.array(table['stamp_ns'], pyarrow.timestamp('ns', tz='UTC'))}
     for name, column in table.items():

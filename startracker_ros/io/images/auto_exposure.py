@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Exposure time and gain of a camera by the stars in its images, in a thread beside it."""
+"""Exposure time and gain of a camera by the stars in its images, in a separate thread."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol

@@ -85,7 +85,7 @@ class Captured(NamedTuple):
 
 
 class Device(Protocol):
-    """An open camera, or files in its place; ends says whether that is no loss."""
+    """An open camera, or files in its place; ends says whether that is not a loss."""
 
     name: str
     ends: bool
@@ -300,7 +300,7 @@ def _why_closed(name: str) -> str:
         return f'no such camera; {_present()}'
     if not os.access(name, os.R_OK | os.W_OK):
         return 'no permission: add the user to the group video'
-    return 'it cannot be opened: another program uses it, or it is no node for images'
+    return 'it cannot be opened: another program uses it, or it is not a node for images'
 
 
 def _present() -> str:

@@ -39,7 +39,7 @@ class Dark:
             raise ImageError(
                 f'dark frame {self.name}: {dark.shape[1]} x {dark.shape[0]} px, the image has '
                 f'{image.shape[1]} x {image.shape[0]}')
-        # In levels of the image, whose noise stays; less than the dark frame is no loss.
+        # In levels of the image, whose noise stays; less than the dark frame is not a loss.
         left = image - np.rint(dark * (self.frame.step / photograph.step))
         return photograph._replace(image=sixteen_bit(left.astype(np.int32)))
 
@@ -88,7 +88,7 @@ def read_dark(path: str | Path) -> Dark:
                 u, v = map(int, words)
             except ValueError:
                 raise ImageError(
-                    f'{path}, line {number}: {line.strip()!r} is no u,v of a pixel') from None
+                    f'{path}, line {number}: {line.strip()!r} is not a u,v of a pixel') from None
             pixels.append((u, v))
     if not pixels:
         raise ImageError(f'{path}: no pixels in it')

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a camera writes beside its pixels: orientation, focal length, time (EXIF 2.32)."""
+"""What a camera writes in addition to its pixels: orientation, focal length, time (EXIF 2.32)."""
 
 from datetime import datetime, UTC
 import io

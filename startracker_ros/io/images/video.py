@@ -54,7 +54,7 @@ def is_video(path: Path) -> bool:
 
 
 def _page_sizes_agree(image: Image.Image) -> bool:
-    """Return whether the second page is no thumbnail of the first one, as in files of cameras."""
+    """Return whether the second page is not a thumbnail of the first, as cameras write."""
     size = image.size
     image.seek(1)
     return image.size == size

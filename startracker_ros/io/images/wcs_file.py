@@ -32,7 +32,7 @@ _GRID = 21  # pixels along each side
 _MODELS = (PLUMB_BOB, 0), (PLUMB_BOB, 1), (PLUMB_BOB, 5), (RATIONAL, 8)
 _ENOUGH_PX = 0.01  # residual at which a model with fewer terms is chosen
 # Prior standard deviations of what a narrow field does not determine: principal point (of the
-# width), distortion terms. They count little beside pixels known to _GRID_SIGMA_PX.
+# width), distortion terms. They count little compared with pixels known to _GRID_SIGMA_PX.
 _CENTRE, _TERM, _GRID_SIGMA_PX = 0.1, 1.0, 1e-3
 
 
@@ -209,7 +209,7 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
     cd = _matrix_deg(header)
     scale_deg = np.sqrt(abs(np.linalg.det(cd)))
     if not 1e-6 < scale_deg < 10:
-        raise CameraError(f'{scale_deg:g} deg a pixel is no camera')
+        raise CameraError(f'{scale_deg:g} deg a pixel is not a camera')
     u, v = np.meshgrid(*(np.linspace(-0.5, side - 0.5, _GRID) for side in (width, height)))
     pixel = np.stack([u.ravel(), v.ravel()], -1)
     # East, north and away from the observer are right-handed axes, as those of the sensor.
@@ -234,7 +234,7 @@ def _fitted(header: dict[str, str]) -> WcsCamera:
             break
     if best is None or best[1] > LARGEST_RESIDUAL_PX:
         left = 'folds the image' if best is None else f'leaves {best[1]:.2g} px'
-        raise CameraError(f'its distortion is none of {", ".join(MODELS)}: the best fit {left}, '
+        raise CameraError(f'its distortion is not one of {", ".join(MODELS)}: best fit {left}, '
                           f'at most {LARGEST_RESIDUAL_PX:g} px are accepted')
     return WcsCamera(*best, bottom_up)
 

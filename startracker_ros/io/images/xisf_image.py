@@ -40,7 +40,7 @@ def _read(content: bytes, most_pixels: int) -> FitsImage:
     length = int.from_bytes(content[8:12], 'little')
     header = content[_HEADER_AT:_HEADER_AT + length].rstrip(b'\0')
     if length > _LARGEST_HEADER_BYTES or b'<!DOCTYPE' in header or b'<!ENTITY' in header:
-        raise ValueError('its header is no XISF header')
+        raise ValueError('its header is not an XISF header')
     image = next((element for element in ElementTree.fromstring(header).iter()
                   if element.tag.endswith('Image') and 'geometry' in element.attrib), None)
     if image is None:
@@ -95,7 +95,7 @@ def _decompressed(codec: str, block: bytes, size: int) -> bytes:
         return lz4.block.decompress(block, uncompressed_size=size)
     if codec == 'zstd':
         return zstandard.ZstdDecompressor().decompress(block, max_output_size=size)
-    raise ValueError(f'its compression {codec} is none of zlib, lz4, lz4hc, zstd')
+    raise ValueError(f'its compression {codec} is not one of zlib, lz4, lz4hc, zstd')
 
 
 def _unshuffled(block: bytes, item: int) -> bytes:

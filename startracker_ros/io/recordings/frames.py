@@ -57,7 +57,7 @@ def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None
     """
     Return an image (H, W) by its place in the times of image_raw, None if it is not found.
 
-    BagError where the bag is damaged, MessageError where the image is none of grey pixels.
+    BagError where the bag is damaged, MessageError where the image is not one of grey pixels.
     """
     images = recording.times['image_raw']
     stamp_ns, received_ns = int(images.stamp_ns[index]), int(images.received_ns[index])

@@ -41,7 +41,7 @@ _LARGEST_VARIANCE_RAD2 = (2 * np.pi) ** 2
 
 def load_recording(bag: Path, namespace: str | None = None) -> Recording:
     """
-    Read a bag folder or file; BagError if it is none. Images are counted, not decoded.
+    Read a bag folder or file; BagError if it is not a bag. Images are counted, not decoded.
 
     namespace: of the star tracker, by default that of a fusion, or the only one in the bag;
     BagError names them if there are several. Of an unfinished or damaged bag what is whole is
@@ -67,7 +67,7 @@ def _load(bag: Path, namespace: str | None, *, tolerant: bool,
     try:
         topics = read_topics(bag, tolerant=tolerant)
     except BagError as error:
-        # A file that is no bag at all fails again, and then for good.
+        # A file that is not a bag at all fails again, and then for good.
         if tolerant:
             raise
         raise _UnreadableBagError(error) from error
@@ -155,7 +155,7 @@ class _Reader:
             if handler is None:
                 self._note_time(topic, ns_from_stamp(read_stamp(message.data)), message)
             else:
-                # What is no number shows in the checks of the handlers.
+                # What is not a number shows in the checks of the handlers.
                 with np.errstate(all='ignore'):
                     handler(message.decoded(), message)
         except (BagError, MessageError, CameraError) as error:
@@ -295,7 +295,7 @@ def _unit(q: Any) -> np.ndarray:
     # Written by others, it may be rounded to float32; a rotation it must be.
     norm = np.linalg.norm(np.clip(quaternion, -2, 2))
     if not abs(norm - 1) < 1e-3:
-        raise MessageError(f'quaternion {quaternion.tolist()} is no rotation')
+        raise MessageError(f'quaternion {quaternion.tolist()} is not a rotation')
     return quaternion / norm
 
 

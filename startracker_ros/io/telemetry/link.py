@@ -34,7 +34,7 @@ class Link:
         elif '/' in destination and '://' not in destination:
             self._open(Path(destination))
         else:
-            # localhost:10035 is no file to be made.
+            # localhost:10035 is not a file to be made.
             raise LinkError(f'destination {destination!r} is neither udp://HOST:PORT nor a path '
                             'with a slash, as ./packets.bin')
 

@@ -35,7 +35,7 @@ _ZERO, _SCALE = 32768, 32767
 
 def encode(report: FrameReport) -> bytes:
     """
-    Return the packet; without a trusted attitude the quaternion is zero, which is no rotation.
+    Return the packet; without a trusted attitude the quaternion is zero, which is not a rotation.
 
     Numbers are rounded to the nearest; the simulator of NOS3 truncates, which is at most one less.
     """

@@ -19,7 +19,7 @@ class TrackerCode(IntEnum):
 
 
 class TelemetryError(ValueError):
-    """Bytes that are no packet, or values that no packet can hold; the text says which."""
+    """Bytes that are not a packet, or values that no packet can hold; the text says which."""
 
 
 @dataclass(frozen=True)
@@ -48,4 +48,4 @@ class FrameReport:
     def __post_init__(self) -> None:
         q = self.quaternion
         if q is not None and not abs(float(np.linalg.norm(q)) - 1) < 1e-6:
-            raise TelemetryError(f'quaternion {np.asarray(q).tolist()} is no rotation')
+            raise TelemetryError(f'quaternion {np.asarray(q).tolist()} is not a rotation')

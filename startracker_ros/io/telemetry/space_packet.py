@@ -168,7 +168,7 @@ def sync(apid: int) -> bytes:
 
 
 def check(packet: bytes) -> None:
-    """Raise TelemetryError for bytes that are no complete packet."""
+    """Raise TelemetryError for bytes that are not a complete packet."""
     if len(packet) != LENGTH:
         raise TelemetryError(f'{len(packet)} bytes, must be {LENGTH}: cut short')
     length = int.from_bytes(packet[4:6], 'big') + 1
@@ -191,10 +191,10 @@ def decode(packet: bytes) -> FrameReport:
         raise TelemetryError(f'time code {found["TIME_CODE"]:#04x} must be {TIME_CODE:#04x}')
     if found['TIME_MS'] >= _LONGEST_DAY_MS or found['TIME_PS'] >= 10 ** 9:
         raise TelemetryError(
-            f'{found["TIME_MS"]} ms and {found["TIME_PS"]} ps are no time of a day')
+            f'{found["TIME_MS"]} ms and {found["TIME_PS"]} ps are not a time of day')
     code = int(found['TRACKER_STATE'])
     if code not in {*TrackerCode}:
-        raise TelemetryError(f'tracker state {code} is none of {[*map(int, TrackerCode)]}')
+        raise TelemetryError(f'tracker state {code} is not one of {[*map(int, TrackerCode)]}')
     stamp_ns = ((int(found['TIME_DAY']) - _DAYS_1958_TO_1970) * _DAY_NS
                 + int(found['TIME_MS']) * 1_000_000 + int(found['TIME_PS']) // 1000)
     valid = bool(found['ATTITUDE_VALID'])

@@ -50,7 +50,7 @@ def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: st
     """
     Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.
 
-    MessageError where that is no attitude.
+    MessageError where that is not an attitude.
     """
     if message.header.frame_id != inertial_frame_id:
         raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
@@ -65,7 +65,7 @@ def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> bytes:
     """
     Return the serialized `attitude_imu`; without an attitude covariance -1, quaternion zero.
 
-    A quaternion of zeros is no rotation, so that a reader who forgets to look at the
+    A quaternion of zeros is not a rotation, so that a reader who forgets to look at the
     covariance cannot take it for one.
     """
     return _imu(attitude, None, None, header)
@@ -99,7 +99,7 @@ def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
     if not (np.isfinite(covariance_about_icrf).all()
             and abs(np.linalg.norm(quaternion) - 1) < 1e-6):
         raise MessageError(f'orientation {quaternion.tolist()} with covariance '
-                           f'{covariance_about_icrf.tolist()} is no attitude')
+                           f'{covariance_about_icrf.tolist()} is not an attitude')
     matrix = matrix_from_quaternion(quaternion)
     return TrackedAttitude(
         AttitudeEstimate(quaternion, matrix.T @ covariance_about_icrf @ matrix, 0, np.empty(0),
@@ -125,7 +125,7 @@ def acceleration_from_message(message: AccelWithCovarianceStamped
     variance = np.diag(np.reshape(message.accel.covariance, (6, 6)))[3:]
     if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance >= 0).all()):
         raise MessageError(f'angular acceleration {mean.tolist()} with variances '
-                           f'{variance.tolist()} is none')
+                           f'{variance.tolist()} is invalid')
     return mean, np.sqrt(variance)
 
 

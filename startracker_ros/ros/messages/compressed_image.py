@@ -39,7 +39,7 @@ def image_from_compressed(message: CompressedImage) -> np.ndarray:
     """
     data = memoryview(message.data).cast('B')
     if data[:len(_SIGNATURE)] != _SIGNATURE:
-        raise MessageError(f'compressed image of format {message.format!r} is no PNG: set '
+        raise MessageError(f'compressed image of format {message.format!r} is not a PNG: set '
                            'image_raw.compressed.format of the camera to png')
     _check_chunks(data)
     width, height, depth, colour = struct.unpack_from('>IIBB', data, 16)
@@ -51,7 +51,7 @@ def image_from_compressed(message: CompressedImage) -> np.ndarray:
                            f'{_MOST_PIXELS} px')
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape != (height, width):
-        raise MessageError('compressed image is no PNG that OpenCV can decode')
+        raise MessageError('compressed image is not a PNG that OpenCV can decode')
     return image
 
 

@@ -49,7 +49,7 @@ def background_from_diagnostics(message: DiagnosticArray, hardware_id: str) -> f
     """
     Return the background in DN that the extractor of a star tracker reports, None without.
 
-    MessageError for what is no number.
+    MessageError for what is not a number.
     """
     for status in message.status:
         if status.hardware_id == hardware_id:
@@ -64,7 +64,7 @@ def _single(value: str | float, name: str) -> float:
     try:
         number = float(value)
     except ValueError as error:
-        raise MessageError(f'{name} {value!r} is no number') from error
+        raise MessageError(f'{name} {value!r} is not a number') from error
     if abs(number) > np.finfo(np.float32).max:
         raise MessageError(f'{name} {number:g} is out of the range of single precision')
     return number

@@ -51,7 +51,7 @@ class AttitudeFusionNode(PipelineNode):
         options: HeadsOptions = self.options(HeadsOptions)
         self._q_body_from_imu = np.array(options.imu_quaternion)
         if abs(np.linalg.norm(self._q_body_from_imu) - 1) > 1e-3:
-            raise StartError(f'imu_quaternion = {list(options.imu_quaternion)} is no rotation')
+            raise StartError(f'imu_quaternion = {list(options.imu_quaternion)} is not a rotation')
         self._fusion = None
         if not options.mounts_file and len(options.heads) > 1:
             return
@@ -80,7 +80,7 @@ class AttitudeFusionNode(PipelineNode):
     def _on_temperature(self, name: str, message: Temperature) -> None:
         if self._fusion is not None and not self._fusion.heads[name].set_temperature(
                 message.temperature):
-            raise MessageError(f'{message.temperature:g} degC is no temperature of a head: '
+            raise MessageError(f'{message.temperature:g} degC is not a temperature of a head: '
                                'degrees Celsius, not kelvin')
 
     def _on_imu(self, message: Imu) -> None:
@@ -91,12 +91,12 @@ class AttitudeFusionNode(PipelineNode):
                                'stamp is not newer than the last')
 
     def _save_mounts(self) -> tuple[bool, str]:
-        """Write the mounts as learnt so far; return whether it worked, and where they are."""
+        """Write the mounts as estimated so far; return whether it worked, and where they are."""
         path = self.options(HeadsOptions).output_file
         if self._fusion is None:
             return False, 'no mounts_file: there are no mounts'
         try:
-            save_mounts(self._fusion.mounts.learnt(), path)
+            save_mounts(self._fusion.mounts.estimated(), path)
         except OSError as error:
             return False, f'output_file {path}: {error.strerror}'
         return True, f'mounts written to {path}'

@@ -84,7 +84,7 @@ class CameraCalibratorNode(CameraNode):
         stamp_ns = ns_from_stamp(message.header.stamp)
         self._observer.report(stamp_ns)
         kept = self._collection.add(View(
-            centroids, attitude.quaternion, self._observer.motion.at(stamp_ns).vantage), known)
+            centroids, attitude.quaternion, self._observer.motion.at(stamp_ns).state), known)
         self.diagnostics.counts['frames of a pointing already there'] += not kept
         self._describe()
         self.diagnostics.report(OK, 'collecting frames')

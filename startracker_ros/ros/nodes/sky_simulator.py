@@ -28,7 +28,7 @@ _EPOCH_TOLERANCE_NS = 18 * 86400 * 10 ** 9
 
 
 class SkySimulatorNode(SourceNode):
-    """Publishes images of the catalogue sky along a motion, with the truth beside them."""
+    """Publishes images of the catalogue sky along a motion, with the truth next to them."""
 
     option_classes = (SourceOptions, CameraOptions, *SKY_OPTIONS, MotionInputOptions, FrameOptions,
                       TransportOptions)

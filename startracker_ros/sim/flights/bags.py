@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from rich.progress import track
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
@@ -210,7 +210,7 @@ def _seen(truth: Truth, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Ge
 def _apparent(truth: Truth, direction: np.ndarray, time_s: float) -> np.ndarray:
     """Return where an observer on the orbit sees directions (N, 3) at a time."""
     year = epoch_year_from_stamp(int(truth.stamps_ns(np.array([time_s]))[0]))
-    return apparent_directions(direction, vantage_near_earth(year, truth.orbit.at(time_s)[1]))
+    return apparent_directions(direction, state_near_earth(year, truth.orbit.at(time_s)[1]))
 
 
 def _rows(truth: Truth, uv: np.ndarray, magnitude: np.ndarray, sigma_px: np.ndarray

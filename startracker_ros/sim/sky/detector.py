@@ -19,7 +19,7 @@ from startracker_ros.sim.sky.psf import add_starlight, reach_px
 
 # Fainter ghosts are lost in the noise and would take half of the time.
 _FAINTEST_GHOST_E = 1.0
-# Stream of random numbers of the defects, beside those of the fixed pattern.
+# Stream of random numbers of the defects, in addition to those of the fixed pattern.
 _DEFECTS = 100
 
 

@@ -37,7 +37,7 @@ class HeadOptions(Options):
                                          unit='s', low=1.0, high=1e7)
 
     def __post_init__(self) -> None:
-        """Check the fields; ValueError for a mount_quaternion that is no rotation."""
+        """Check the fields; ValueError for a mount_quaternion that is not a rotation."""
         super().__post_init__()
         norm = float(np.linalg.norm(self.mount_quaternion))
         if abs(norm - 1) > _NORM_TOLERANCE:

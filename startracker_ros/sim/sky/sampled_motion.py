@@ -46,7 +46,7 @@ class SampledMotion:
 
         That is the angle in rad between the attitude of the sample and the one that the mean of
         the rates of this sample and the one before gives. After a turn by more than MAX_TURN_RAD
-        it is infinite, and the motion begins anew with the sample. SampleError, without a change,
+        it is infinite, and the motion restarts with the sample. SampleError, without a change,
         for a sample that is not newer.
         """
         if time_s <= self.newest_s:

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated sensors beside the camera: rate gyro and navigation."""
+"""Simulated sensors in addition to the camera: rate gyro and navigation."""
 
 from dataclasses import dataclass
 

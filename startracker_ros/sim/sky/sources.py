@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.astro.bodies import bodies_from_earth, PLANETS
 from startracker_ros.core.astro.constants import YEAR_S
 from startracker_ros.core.astro.earth import earth_position_au, in_range
@@ -44,7 +44,7 @@ class SceneStars:
 
 
 def false_stars(uv: np.ndarray, magnitude: np.ndarray) -> SceneStars:
-    """Return sources at uv (N, 2) px of V magnitude (N,) that are no catalogue stars."""
+    """Return sources at uv (N, 2) px of V magnitude (N,) that are not catalogue stars."""
     return SceneStars(np.zeros(len(uv), np.int32), uv, magnitude)
 
 
@@ -114,7 +114,7 @@ class Sky:
             magnitude = np.concatenate([magnitude, planet_magnitude])
         if options.aberration and in_range(year):
             direction = apparent_directions(
-                direction, vantage_near_earth(year, state.velocity_m_s))
+                direction, state_near_earth(year, state.velocity_m_s))
         still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
         moving = self._moving(state, time_s)
         return (still, moving) if len(moving.hip) else (still,)

@@ -42,7 +42,7 @@ _ROW = np.dtype([*COLUMNS.items(), ('direction', np.float32, 3)])
 _QUAD = np.dtype([('code', np.float32, 4), ('star', np.int32, 4), ('side', np.float32)])
 _PIECE = 1_000_000  # stars that are put into their cells at once
 _MOST_CELLS = 256  # along each axis of the cube: one is then 0.45 deg wide
-_SLAB_STARS = 1_000_000  # whose quads are made at once, beside those about them
+_SLAB_STARS = 1_000_000  # whose quads are made at once, with those about them
 # The brightest stars of a level are those of cells so wide, in sides of its quads, at most.
 _LEVEL_CELL = np.sqrt(3 / QUAD_DENSITY)
 # Equal parts of the sky, by which it is said how much of it a catalogue covers.
@@ -180,7 +180,7 @@ def _checked(path: Path, piece: Stars, epoch_year: float | None, faintest: float
         raise CatalogueError(f'{path}: no column of the epoch: give --epoch, 2016 for Gaia DR3')
     year = kept['epoch']
     if not ((year > 1800) & (year < 2200)).all():
-        raise CatalogueError(f'{path}: epochs that are no years from 1800 to 2200: give --epoch')
+        raise CatalogueError(f'{path}: epochs that are not years from 1800 to 2200: give --epoch')
     return kept, year
 
 

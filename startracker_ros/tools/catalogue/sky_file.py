@@ -37,7 +37,7 @@ def write_sky(camera: Camera, path: Path, epoch_year: float, options: Identifica
 
 
 def contents(path: Path) -> Result:
-    """Return what is in a sky file; StoredArraysError where it is none."""
+    """Return what is in a sky file; StoredArraysError for other files."""
     stored = mapped_arrays(path)
     arrays = stored.arrays
     part_of = {name: next((part for part, prefix in reversed(_PARTS.items())

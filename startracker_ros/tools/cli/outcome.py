@@ -146,7 +146,7 @@ class Main(Commands):
                 status = super().main(words, prog_name, complete_var, standalone_mode=False,
                                       windows_expand_args=windows_expand_args, **extra)
             finally:
-                # Here, where a reader that has left is no error.
+                # Here, where a reader that has left is not an error.
                 sys.stdout.flush()
         except (BrokenPipeError, _NoReaderError):
             # The interpreter flushes once more when it ends.

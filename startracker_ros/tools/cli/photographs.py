@@ -36,10 +36,10 @@ class _Frames(click.ParamType):
         try:
             chosen = slice(*(int(part) if part else None for part in value.split(':')))
         except (TypeError, ValueError):
-            self.fail(f'{value!r} is no FIRST:END:STEP')
+            self.fail(f'{value!r} is not a FIRST:END:STEP')
         least = min(chosen.start or 0, chosen.stop or 0)
         if ':' not in value or least < 0 or chosen.step is not None and chosen.step < 1:
-            self.fail(f'{value!r} is no FIRST:END:STEP that counts from 0 upwards')
+            self.fail(f'{value!r} is not a FIRST:END:STEP that counts from 0 upwards')
         return chosen
 
 
@@ -203,7 +203,7 @@ class _Column(click.ParamType):
         from startracker_ros.io.star_tables import ROLES
         role, mark, name = str(value).partition('=')
         if role not in ROLES or not mark or not name:
-            self.fail(f'{value!r} is no ROLE=NAME with one of the roles {", ".join(ROLES)}')
+            self.fail(f'{value!r} is not a ROLE=NAME with one of the roles {", ".join(ROLES)}')
         return role, name
 
 
@@ -265,7 +265,7 @@ def catalogue(files: tuple[Path, ...], output: Path, columns: tuple[tuple[str, s
               help='Lens without --camera; equidistant for fisheyes, of any projection.')
 @click.option('--free', 'terms', multiple=True,
               type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3', 'k4']),
-              help='Estimate just these beside the focal length.  [default: the data decide]')
+              help='Estimate the focal length and just these.  [default: the data decide]')
 @json_option
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],

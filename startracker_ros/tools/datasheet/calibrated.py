@@ -11,7 +11,7 @@ catalogue stars are projected by the lens and solved with the calibrated camera.
 from collections.abc import Sequence
 
 import numpy as np
-from startracker_ros.core.astro.aberration import vantage_near_earth
+from startracker_ros.core.astro.aberration import state_near_earth
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.estimate import calibrate
@@ -51,7 +51,7 @@ def calibrated_instrument(lens: Camera, detector: DetectorOptions, seed: int) ->
         centroids = pipeline.extraction.extractor.measure(image).centroids
         found, _ = pipeline.identification.identify(START_NS + second * 10 ** 9, centroids)
         if found.attitude is not None:
-            views.append(View(centroids, found.attitude.quaternion, vantage_near_earth(
+            views.append(View(centroids, found.attitude.quaternion, state_near_earth(
                 EPOCH_YEAR, ORBIT.at(float(second))[1])))
     if not views:
         raise CalibrationError(

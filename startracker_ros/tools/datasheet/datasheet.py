@@ -248,7 +248,7 @@ def _draw_errors(figure: Any, sheet: SheetPage, axis: str) -> None:
             panel.plot(rates_deg_s, [each.bound for each in found], ':', color='C4',
                        label='Cramer-Rao bound of the noise')
     panel.set(xlabel='rate across the boresight [deg/s]', ylabel='error [arcsec]', yscale='log')
-    # Beside the curves, not over them.
+    # Next to the curves, not over them.
     panel.legend(loc='lower center', bbox_to_anchor=(0.5, 1), ncols=2)
 
 

@@ -170,7 +170,7 @@ def instrument_of(options: DesignOptions, exposure_s: float) -> Instrument:
     return Instrument(camera, camera, detector_of(options, exposure_s))
 
 
-# --- the table: the closed formula beside the Monte Carlo ---
+# --- the table: the closed formula next to the Monte Carlo ---
 
 _SKY_FIELDS = 1000
 _PART_FIELDS = 5

@@ -77,7 +77,7 @@ def load_optics(path: Path) -> DetectorOptions:
     known = {row.name for row in DetectorOptions.table()}
     unknown = [str(name) for name in values if name not in known]
     if unknown:
-        raise OpticsError(f'{path}: {", ".join(unknown)} is no option of the detector; there '
+        raise OpticsError(f'{path}: {", ".join(unknown)} is not an option of the detector; there '
                           f'are {", ".join(sorted(known))}')
     try:
         return replace(DETECTOR, **values)

@@ -53,7 +53,7 @@ class Runs:
         return self.error[:, SETTLED_FRAMES:]
 
     def wrong(self, bias_rad: np.ndarray) -> WrongCount:
-        """Return how many attitudes are wrong beside the bias (3,), which alignment removes."""
+        """Return how many attitudes are wrong without the bias (3,), which alignment removes."""
         sigma = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
         return count_wrong(self.error - bias_rad, sigma)
 

@@ -46,7 +46,7 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
             env=node_environment(), capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f'status {done.returncode}']
-            yield Check('camera_info', lines[-1], False, 'mend DDS first: rows above')
+            yield Check('camera_info', lines[-1], False, 'fix DDS first: rows above')
             return
         heard = json.loads(done.stdout)
         live, sensor = (_camera(heard['camera_info'], name) for name in ('camera', 'sensor'))

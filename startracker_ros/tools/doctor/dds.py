@@ -62,7 +62,7 @@ def check_discovery(environment: Mapping[str, str]) -> Check:
         return Check('discovery range', 'ROS_LOCALHOST_ONLY=1, which hides the others', True,
                      'unset it and set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST')
     if text not in _RANGES:
-        return Check('discovery range', f'{text}, which is none', False,
+        return Check('discovery range', f'{text}, which is not a range', False,
                      f'set ROS_AUTOMATIC_DISCOVERY_RANGE to one of {", ".join(_RANGES)}')
     if text == 'OFF':
         return Check('discovery range', 'OFF: no node finds another', False,
@@ -75,17 +75,17 @@ def check_discovery(environment: Mapping[str, str]) -> Check:
 def check_profile(environment: Mapping[str, str], *, own: bool) -> Check:
     """Return whether the profile of Fast DDS has room for images; own: plain ros2 run has it."""
     path = next(environment[name] for name in PROFILE_VARIABLES if name in environment)
-    mend = (f'unset {" and ".join(PROFILE_VARIABLES)}, or set it to config/fastdds.xml of the '
+    remedy = (f'unset {" and ".join(PROFILE_VARIABLES)}, or set it to config/fastdds.xml of the '
             'package')
     try:
         root = ElementTree.parse(path).getroot()
         sizes = [int(node.text or '') for node in root.iter()
                  if node.tag.rpartition('}')[2] == 'segment_size']
     except (OSError, ElementTree.ParseError, ValueError) as error:
-        return Check('Fast DDS profile', f'{path}: {error}', False, mend)
+        return Check('Fast DDS profile', f'{path}: {error}', False, remedy)
     if max(sizes, default=0) < 2 * _LARGEST_IMAGE_BYTES:
         return Check('Fast DDS profile', f'{path}: shared memory too small for images', False,
-                     mend)
+                     remedy)
     return Check('Fast DDS profile', path, True,
                  '' if own else f'for plain ros2 run: export {profile_variable()}={path}')
 

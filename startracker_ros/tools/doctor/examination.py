@@ -23,4 +23,4 @@ def examine(*, camera_file: Path | None = None, listen_s: float = 0.0,
     return Result('doctor', [asdict(check) for check in checks], {
         'package': f'startracker_ros {__version__} in {Path(__file__).parents[2]}',
         'machine': f'{platform.system()} {platform.machine()}',
-        'result': f'{sum(not check.holds for check in checks)} of {len(checks)} to mend'})
+        'result': f'{sum(not check.holds for check in checks)} of {len(checks)} to fix'})

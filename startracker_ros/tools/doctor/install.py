@@ -22,7 +22,7 @@ from startracker_ros.ros.executables import EXECUTABLES
 @dataclass(frozen=True)
 class Check:
     """
-    What was looked at, what was found, whether that will do, and what to mend.
+    What was looked at, what was found, whether that will do, and how to fix it.
 
     A check that holds may still carry advice in `mend`.
     """
@@ -136,7 +136,7 @@ def check_catalog() -> Check:
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
     yield check_cache(cache_folder())
-    yield check_room(Path.cwd())
+    yield check_disk(Path.cwd())
 
 
 def check_cache(folder: Path) -> Check:
@@ -151,7 +151,7 @@ def check_cache(folder: Path) -> Check:
                                    f'{folder}')
 
 
-def check_room(folder: Path) -> Check:
+def check_disk(folder: Path) -> Check:
     """Return whether a bag can be written into the folder."""
     if not can_write(folder):
         return Check('room for bags', f'{folder} cannot be written', False,

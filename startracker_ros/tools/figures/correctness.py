@@ -50,7 +50,7 @@ def over_bound(error_rad: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
 
 
 def count_wrong(error_rad: np.ndarray, sigma_rad: np.ndarray) -> WrongCount:
-    """Count the wrong attitudes among errors (..., 3) about sensor axes; NaN is none."""
+    """Count the wrong attitudes among errors (..., 3) about sensor axes; NaN is not wrong."""
     beyond = np.abs(error_rad) > WRONG_SIGMAS * sigma_rad
     gross = beyond & (np.abs(error_rad) > GROSS_ARCSEC * ARCSEC)
     return WrongCount(int(np.count_nonzero(beyond.any(axis=-1))),

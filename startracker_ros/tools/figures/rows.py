@@ -32,7 +32,7 @@ def goal_text(goal: str, met: bool) -> str:
 
 @dataclass(frozen=True)
 class Bounded:
-    """A figure of ours; its bound may be given as limits, which are no columns."""
+    """A figure of ours; its bound may be given as limits, which are not columns."""
 
     case: str
     ours: float
@@ -79,7 +79,7 @@ class DemoRow(Row):
 
 @dataclass(frozen=True)
 class BenchRow(Bounded):
-    """A figure of ours beside that of a peer; ratio is ours over theirs."""
+    """A figure of ours next to that of a peer; ratio is ours over theirs."""
 
     unit: str
     peer: str = ''
@@ -113,7 +113,7 @@ class PercentileRow(Bounded):
 
 @dataclass(frozen=True)
 class CampaignRow(Bounded):
-    """A figure of ours beside that of a paper."""
+    """A figure of ours next to that of a paper."""
 
     paper: float | str | None
     unit: str
@@ -124,7 +124,7 @@ class CampaignRow(Bounded):
 @dataclass(frozen=True)
 class PaperRow:
     """
-    A figure of a paper, beside it that of its method as published and that of ours beyond it.
+    A figure of a paper, next to it that of its method as published and that of ours beyond it.
 
     holds is None where there are too few trials for the bound. ours is the best we have: beyond
     or, where there is no such figure, as published.

@@ -166,7 +166,7 @@ class LiveRig(Rig):
         try:
             self.attitude, self.covariance = attitude_from_pose(message, message.header.frame_id)
         except MessageError as error:
-            # From another node: the estimator publishes none that is no attitude.
+            # From another node: the estimator publishes none that is not an attitude.
             self.probe.get_logger().warning(f'attitude_cov: {error}', throttle_duration_sec=10.0)
             return
         self._keep('attitude', message.header.stamp, self.attitude)
@@ -277,7 +277,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
         error_px = 0.0
         if camera_file is None:
             camera_file = output / 'camera.yaml'
-            error_px = _learn_lens(view, capture, fov_deg, camera_file)
+            error_px = _estimate_lens(view, capture, fov_deg, camera_file)
         camera = load_camera(camera_file)
         # Not by an exception: it would come in the midst of anything.
         with noted_ctrl_c() as stopped, LiveRig(logs, camera) as rig:
@@ -307,7 +307,7 @@ def _pipeline_parameters(error_px: float) -> dict[str, object]:
             'max_residual_px': max(_LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS * error_px)}
 
 
-def _learn_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
+def _estimate_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
                 camera_file: Path) -> float:
     """Write the lens of the first image that is solved, and return its error in px."""
     view.show(lambda: {'state': 'opening the camera'})

@@ -175,7 +175,7 @@ class SkyPage:
                 self.send_header('Content-Length', str(len(content)))
                 self.send_header('Cache-Control', 'no-store')
                 self.end_headers()
-                # A browser that has left meanwhile is no error.
+                # A browser that has left meanwhile is not an error.
                 with suppress(OSError):
                     self.wfile.write(content)
 

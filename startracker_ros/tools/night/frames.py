@@ -8,7 +8,8 @@ from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions, Vantage, vantage_near_earth
+from startracker_ros.core.astro.aberration import (
+    apparent_directions, ObserverState, state_near_earth)
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp, why_no_date
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import Observer
@@ -44,15 +45,15 @@ class Frame(NamedTuple):
     """
     What one image shows: centroids, attitudes, widths.
 
-    onboard are the stars and vantage is that of the observer. alone is q_icrf_from_sensor (4,) of
-    this image identified by itself, published that of the star tracker, each None without;
-    width_uv (K, 2) px and width_px (K,) are PSF sigmas.
+    onboard are the stars. alone is q_icrf_from_sensor (4,) of this image identified by itself,
+    published that of the star tracker, each None without; width_uv (K, 2) px and width_px (K,)
+    are PSF sigmas.
     """
 
     stamp_ns: int
     centroids: Centroids
     onboard: OnboardCatalog
-    vantage: Vantage
+    observer_state: ObserverState
     alone: np.ndarray | None
     published: Attitude | None
     width_uv: np.ndarray
@@ -70,7 +71,7 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
     images = iter(images)
     first = [*islice(images, 2)]
     if len(first) < 2:
-        raise NightError(f'{len(first)} images are no night')
+        raise NightError(f'{len(first)} images are not a night')
     if no_date := why_no_date(first[0].stamp_ns):
         raise NightError(no_date)
     year = epoch_year_from_stamp(first[0].stamp_ns)
@@ -91,12 +92,12 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
             tracker.add_observer(stamp_ns, site.position_m(now), site.velocity_m_s(now))
         published = tracker.process(stamp_ns, image).attitude
         extraction, searched = extractor.search(image)
-        vantage = _vantage(now, site)
+        observer_state = _observer_state(now, site)
         found = icrf_identification(
             identifier.identify(extraction.centroids), extraction.centroids, camera,
-            ApparentCatalog(onboard, Observer(vantage, 0.0, 'full')), identifier.options)
+            ApparentCatalog(onboard, Observer(observer_state, 0.0, 'full')), identifier.options)
         frames.append(Frame(
-            stamp_ns, extraction.centroids, onboard, vantage,
+            stamp_ns, extraction.centroids, onboard, observer_state,
             None if found.attitude is None else found.attitude.quaternion, published,
             *_widths(extractor, image, extraction.centroids, searched)))
     return frames
@@ -118,11 +119,11 @@ def _bridging(interval_s: float) -> dict[str, float]:
             'roll_acceleration_deg_s2': max(defaults.roll_acceleration_deg_s2 * steadier, 1e-6)}
 
 
-def _vantage(year: float, site: Site | None) -> Vantage:
+def _observer_state(year: float, site: Site | None) -> ObserverState:
     """Return where the observer is; without a site as on an Earth that does not turn."""
     if site is None:
-        return vantage_near_earth(year, np.zeros(3))
-    return vantage_near_earth(year, site.velocity_m_s(year))._replace(air=site.air(year))
+        return state_near_earth(year, np.zeros(3))
+    return state_near_earth(year, site.velocity_m_s(year))._replace(air=site.air(year))
 
 
 def _widths(extractor: CentroidExtractor, image: np.ndarray, centroids: Centroids,
@@ -165,12 +166,12 @@ def _stars_of(number: int, frame: Frame, q_alone: np.ndarray, q_fitted: np.ndarr
     onboard = frame.onboard
     near = onboard.within(rotate(q_alone, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
     near = near[~onboard.blended[near]]
-    direction = apparent_directions(onboard.direction[near], frame.vantage)
+    direction = apparent_directions(onboard.direction[near], frame.observer_state)
     expected = camera.project(rotate(conjugate(q_alone), direction))
     inside = camera.contains(expected, _MARGIN_PX)
     near, direction, expected = near[inside], direction[inside], expected[inside]
     without_air = apparent_directions(
-        onboard.direction[near], frame.vantage._replace(air=None))
+        onboard.direction[near], frame.observer_state._replace(air=None))
     index, seen = nearest(frame.centroids.uv, expected, _NEAR_PX)
     measured = np.where(seen[:, None], _of(frame.centroids.uv, index), np.nan)
     sensor = rotate(conjugate(q_fitted), direction)

@@ -404,7 +404,7 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
 
     camera None is that of the bag. The camera stands still on the Earth or, tracking, turns there
     at a constant rate about a constant axis. datasheet is JSON of `startracker datasheet`.
-    NightError for images that are no night of it, and for a file that is no such document;
+    NightError for images that are not a night of it, and for a file that is no such document;
     ImageError, BagError.
     """
     simulated = {} if datasheet is None else _figures_at_rest(datasheet)

@@ -33,7 +33,7 @@ class TimedImage(NamedTuple):
 
 
 class NightError(ValueError):
-    """Images that are no night; the text says what is missing."""
+    """Images that are not a night; the text says what is missing."""
 
 
 def timed_images(source: Path, start_year: float | None, interval_s: float | None,

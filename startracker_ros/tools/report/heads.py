@@ -22,7 +22,7 @@ USED = 'used'
 @dataclass(frozen=True)
 class MountSeries:
     """
-    A mount as learnt, by time.
+    A mount as estimated, by time.
 
     quaternion (K, 4) q_body_from_sensor at stamp_ns (K,) with covariance (K, 3, 3) rad^2 about
     body axes; truth (K, 4), NaN where the bag has none.
@@ -52,7 +52,7 @@ class HeadsRecording:
     The heads of a fusion.
 
     conditions by head from changed_ns (C,) on, as the topic heads has them; mounts are those that
-    are learnt: without that of the reference.
+    are estimated: without that of the reference.
     """
 
     changed_ns: np.ndarray
@@ -139,7 +139,7 @@ def head_states(panels: Panels, heads: HeadsRecording) -> list[dict[str, Any]]:
 
 def mount_panels(panels: Panels, heads: HeadsRecording) -> list[Panel]:
     """
-    Return panels of each learnt mount about body x, y, z, with 3 sigma.
+    Return panels of each estimated mount about body x, y, z, with 3 sigma.
 
     Drawn is the error where the bag has the truth of body and head, elsewhere the change since the
     first mount, between its 3 sigma bounds.

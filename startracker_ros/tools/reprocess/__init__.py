@@ -1,4 +1,4 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recorded flights through the pipeline again, in segments on many workers; comparison of runs."""
+"""Recordings reprocessed in segments on many workers; comparison of runs."""

@@ -50,7 +50,7 @@ def compare(folder_a: Path, folder_b: Path, drawing: Path | None = None) -> Resu
     Return a row for each star tracker that both runs have, and draw the differences.
 
     Frames of other bags differ; the note of the result names bags of the same times.
-    BagError where a folder is no run, or nothing is common to both.
+    BagError where a folder is not a run, or nothing is common to both.
     """
     a, b = open_run(folder_a), open_run(folder_b)
     trackers = [tracker for tracker in a.trackers if tracker in b.trackers]

@@ -34,7 +34,7 @@ geocentric, NaN without odometry.
 """
 
 PIXEL_DTYPE = np.dtype([('stamp_ns', 'i8'), ('u', 'i4'), ('v', 'i4'), ('count', 'i4')])
-"""Hot pixels: pixels with the centre of a spot that is no star, and the frames that have it."""
+"""Hot pixels: pixels with the centre of a spot that is not a star, and the frames that have it."""
 
 _HOT_SPAN_S = 60.0
 _LEAST_HOT = 10
@@ -44,7 +44,7 @@ _UNKNOWN = State(np.full(3, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
 
 class _Spots(NamedTuple):
     """
-    The spots (M,) of a frame that are no star, and what turns them into directions.
+    The spots (M,) of a frame that are not stars, and what turns them into directions.
 
     held is whether the frame is one of the segment, and not of its overlap.
     """

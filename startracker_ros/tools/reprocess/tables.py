@@ -31,7 +31,7 @@ WIDTH_DTYPE = np.dtype([('stamp_ns', 'i8'), ('column', 'i2'), ('row', 'i2'), ('c
 """Sums over a segment for each cell of the image: stars, and s^2 of width_px()."""
 
 _ATTITUDE = 3
-"""What the fit of a frame takes out of the residuals of its stars."""
+"""What the fit of a frame removes from the residuals of its stars."""
 
 
 class FittedStars(NamedTuple):
@@ -356,4 +356,5 @@ def open_run(folder: Path) -> Run:
     except (OSError, ValueError, KeyError, TypeError) as error:
         sets = sorted(found.parent.name for found in folder.glob(f'*/{SUMMARY}'))
         hint = f'; it holds the runs {", ".join(sets)}' if sets else ''
-        raise BagError(f'{folder} is no finished run of `startracker reprocess`{hint}') from error
+        raise BagError(
+            f'{folder} is not a finished run of `startracker reprocess`{hint}') from error

@@ -225,7 +225,7 @@ def tracklets(folder: Path, output: Path, originator: str) -> Result:
     """
     Return a row for each moving object of a run, and write a TDM for each tracker into output.
 
-    BagError where the folder is no run; OSError where a file cannot be written.
+    BagError where the folder is not a run; OSError where a file cannot be written.
     """
     run = open_run(folder)
     found = {tracker: _read(run, tracker) for tracker in run.trackers}

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a worker does: a segment processed, its files in place, its record beside them."""
+"""What a worker does: a segment processed, its files in place, its record next to them."""
 
 from dataclasses import asdict, dataclass
 import hashlib

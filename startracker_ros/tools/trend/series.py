@@ -34,7 +34,7 @@ def all_series(run: Run) -> list[Series]:
 
 
 def distortion(run: Run, tracker: str) -> tuple[float, float]:
-    """Return k1 over the whole run, fitted beside the focal length, minus that of the camera."""
+    """Return k1 over the run, fitted with the focal length, minus that of the camera."""
     lens = run.table('lens', tracker, ['stamp_ns', 'ff', 'fk', 'kk', 'f', 'k'])
     ff, fk, kk, f, k = (float(lens[name].sum()) for name in ('ff', 'fk', 'kk', 'f', 'k'))
     determinant = ff * kk - fk * fk

@@ -93,7 +93,7 @@ def bad_stars(run: Run) -> list[StarRow]:
     scatter = np.sqrt(sums['chi2'] / (2 * sums['count']))
     difference = sums['difference_mag'] / sums['count']
     scatter_mag = np.sqrt(np.maximum(sums['square_mag2'] / sums['count'] - difference ** 2, 0))
-    # What the lens leaves to all stars is no fault of one.
+    # What the lens leaves to all stars is not a fault of one.
     floor = SIGMA_PER_MAD * float(np.median(np.abs(np.stack([east, north])))) if len(hip) else 0.0
     sigma = np.hypot(1 / np.sqrt(sums['weight']), floor)
     offset = np.hypot(east, north)
@@ -166,7 +166,7 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     Return a row for each drift and step of a run, and write a page of its series.
 
     The note of the result, and of the page, names series without data and bags of the same times.
-    BagError where the folder is no run or without frames; OSError where the page cannot be
+    BagError where the folder is not a run or without frames; OSError where the page cannot be
     written.
     """
     run = open_run(folder)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from skyfield.api import EarthSatellite, load
 from startracker_ros.core.astro.aberration import (
-    aberrate, apparent_directions, natural_directions, vantage_near_earth)
+    aberrate, apparent_directions, natural_directions, state_near_earth)
 from startracker_ros.core.astro.earth import (
     earth_position_au, earth_state, earth_velocity_m_s, EpochError)
 from startracker_ros.core.astro.elements import KeplerOrbit, TwoLineOrbit
@@ -61,9 +61,9 @@ def test_apparent_directions_are_those_of_astropy(directions, year):
     stars = SkyCoord(*directions.T, representation_type='cartesian', frame='icrs')
     stars = SkyCoord(ra=stars.spherical.lon, dec=stars.spherical.lat, frame='icrs')
     theirs = stars.transform_to(frame).cartesian.xyz.value.T
-    vantage = vantage_near_earth(year, velocity_m_s)
-    ours = apparent_directions(directions, vantage)
-    towards_sun = -vantage.heliocentric_au / np.linalg.norm(vantage.heliocentric_au)
+    state = state_near_earth(year, velocity_m_s)
+    ours = apparent_directions(directions, state)
+    towards_sun = -state.heliocentric_au / np.linalg.norm(state.heliocentric_au)
     far = directions @ towards_sun < np.cos(np.radians(10))
     assert np.linalg.norm((theirs - ours)[far], axis=1).max() < 0.001 * ARCSEC
     assert np.linalg.norm(ours - directions, axis=1).max() > 15 * ARCSEC
@@ -123,7 +123,7 @@ def test_natural_directions_are_the_inverse_of_apparent_ones():
     direction = rng.standard_normal((200, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     site = Site(-33.0, 151.0, 300.0)
-    vantage = vantage_near_earth(2026.4, site.velocity_m_s(2026.4))._replace(air=site.air(2026.4))
-    up = direction[direction @ vantage.air.zenith > 0.2]
-    back = natural_directions(apparent_directions(up, vantage), vantage)
+    state = state_near_earth(2026.4, site.velocity_m_s(2026.4))._replace(air=site.air(2026.4))
+    up = direction[direction @ state.air.zenith > 0.2]
+    back = natural_directions(apparent_directions(up, state), state)
     assert np.abs(back - up).max() < 1e-4 * ARCSEC

@@ -26,7 +26,7 @@ def state(time_s=0.0):
 
 
 def velocity(observer, stamp_ns=STAMP_NS):
-    return observer.vantage.velocity_m_s - earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
+    return observer.state.velocity_m_s - earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
 
 
 def test_full_needs_odometry():
@@ -86,8 +86,8 @@ NOW_S = 1_790_000_000
     (100, 'stamps of 1970: the driver stamps since boot'), (9e7, 'since boot'),
     (NOW_S - 946_728_000 - 64, 'seconds since 2000'), (NOW_S - 315_964_800 + 18, 'GPS time'),
     (NOW_S + 378_691_200 + 37, 'TAI of seconds since 1958'),
-    (946_684_799, 'stamps of 1999 are no UTC'), (-1e6, 'stamps of 1969 are no UTC'),
-    (4.15e9, 'stamps of 2101 are no UTC')])
+    (946_684_799, 'stamps of 1999 are not UTC'), (-1e6, 'stamps of 1969 are not UTC'),
+    (4.15e9, 'stamps of 2101 are not UTC')])
 def test_the_date_of_another_clock_is_unknown(stamp_s, words):
     """Of GPS time and TAI it is recognised by the time at which the message comes."""
     stamp_ns = round(stamp_s * 1e9)
@@ -98,7 +98,7 @@ def test_the_date_of_another_clock_is_unknown(stamp_s, words):
     motion = ObserverMotion(epoch=epoch)
     motion.add_state(stamp_ns, state())
     observer = motion.at(stamp_ns)
-    assert observer.vantage is None and observer.bodies is None and observer.trouble
+    assert observer.state is None and observer.bodies is None and observer.trouble
     assert observer.velocity_sigma_m_s == EARTH_SIGMA_M_S
     assert observer.epoch_sigma_years == epoch.sigma_years
     # One text for a whole run, of which a log has one line.
@@ -132,7 +132,7 @@ def test_the_mode_is_that_of_the_parameter():
         motion.add_state(STAMP_NS, state())
         observer = motion.at(STAMP_NS)
         assert (observer.condition, observer.velocity_sigma_m_s) == (mode, sigma)
-        assert (observer.vantage is None) == (mode == 'none')
+        assert (observer.state is None) == (mode == 'none')
 
 
 def test_elements_take_the_place_of_odometry():

@@ -218,7 +218,7 @@ def test_the_covariance_is_that_of_the_catalogue(solver):
 def test_stars_that_double_precision_cannot_resolve_are_rejected(solver):
     with pytest.raises(AttitudeError, match='parallel'):
         estimate_attitude(pair(0.1 * ARCSEC), pair(0.1 * ARCSEC), np.full(2, ARCSEC), solver)
-    # Nor does one accurate star beside a very inaccurate one have a roll.
+    # Nor does one accurate star next to a very inaccurate one have a roll.
     if solver != 'triad':
         with pytest.raises(AttitudeError, match='unevenly'):
             estimate_attitude(pair(0.1), pair(0.1), np.array([1e-6, 10.0]), solver)

@@ -104,7 +104,7 @@ def test_nothing_is_proposed_that_frames_left_out_do_not_prove():
     calibration, rng = OnlineCalibration(CAMERA), np.random.default_rng(3)
     wrong = CAMERA.with_focal_ratio(1.00016)
     for index in range(60):
-        # What is learnt is wrong; the frames left out, every fourth, are of the camera in use.
+        # What is estimated is wrong; the frames left out, every fourth, are of the camera in use.
         truth = CAMERA if index % 4 == 3 else wrong
         assert calibration.add(frame_of(truth, rng, index)) is None
     lens, covariance = calibration.filter.at(np.nan)
@@ -157,7 +157,7 @@ def test_a_wrong_star_is_left_out():
     assert len(lens_filter.checked(frame).uv) == 19
 
 
-def test_an_impossible_camera_is_no_proposal():
+def test_an_impossible_camera_is_not_a_proposal():
     options = OnlineOptions(lens_sigma_px=100.0)
     calibration = OnlineCalibration(CAMERA, options)
     calibration.filter.mean[:] = [0, 1e6, 0, 0, 0]

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cameras as drivers send them: what is applied, what is the same, and what is no camera."""
+"""Cameras as drivers send them: what is applied, what is the same, and what is not a camera."""
 
 from dataclasses import dataclass, field, replace
 import time
@@ -70,7 +70,7 @@ def test_terms_that_are_left_out_or_beyond_those_of_the_model_are_zero(model, d,
 @pytest.mark.parametrize('model, d, words', [
     (RATIONAL, (*FRACTION, 0.0, 1e-4, 0.0, 0.0), '8 distortion terms, got 12: .*thin prism'),
     ('equidistant', (0.1,) * 5, 'equidistant has 4 distortion terms, got 5'),
-    ('fov', (0.1,), "'fov' is none of plumb_bob")])
+    ('fov', (0.1,), "'fov' is not one of plumb_bob")])
 def test_terms_that_no_model_has_are_named(model, d, words):
     with pytest.raises(CameraError, match=words):
         camera_from_message(Info(distortion_model=model, d=d))
@@ -108,7 +108,7 @@ def test_binning_and_roi_are_applied_as_image_geometry_does(lens):
     ({'roi': Roi(1000, 0, 100, 100)}, r'roi of 100 x 100 px at \(1000, 0\) is not in the image'),
     ({'roi': Roi(16, 0, 0, 0)}, 'roi of 0 x 0 px'),
     ({'binning_x': 2000}, 'binning of 2000 x 1 px'),
-    # A matrix of the binned image beside the size of the whole one: avt_vimba_camera 82.
+    # A matrix of the binned image next to the size of the whole one: avt_vimba_camera 82.
     ({'width': 2064, 'height': 1544, 'binning_x': 4, 'binning_y': 4,
       'k': matrix(299.5, 300.1, 254.1, 183.9)}, 'in a corner of the image of 2064 x 1544'),
     # Identity, in shares of the width, in mm, transposed.

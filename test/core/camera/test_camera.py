@@ -43,7 +43,7 @@ def test_field_of_view_is_edge_to_edge():
     assert camera.corner_angle_rad == pytest.approx(np.arccos(corner[2]), abs=1e-12)
 
 
-def test_behind_the_camera_is_no_pixel():
+def test_behind_the_camera_is_not_a_pixel():
     assert np.isnan(LENS.project(np.array([0.0, 0.0, -1.0]))).all()
 
 
@@ -79,7 +79,7 @@ def test_bad_files_are_refused_by_name(tmp_path, text, words):
     assert str(path) in str(caught.value)
     save_camera(LENS, path)
     path.write_text(path.read_text().replace('plumb_bob', 'fisheye'))
-    with pytest.raises(CameraError, match="'fisheye' is none of plumb_bob"):
+    with pytest.raises(CameraError, match="'fisheye' is not one of plumb_bob"):
         load_camera(path)
     with pytest.raises(CameraError, match='No such file'):
         load_camera(tmp_path / 'absent.yaml')

@@ -152,7 +152,7 @@ def test_raw_buffers_become_images():
                                   colours.mean(axis=2).round().astype(np.uint8))
 
 
-def test_a_device_that_is_none_is_named(tmp_path):
+def test_a_device_that_is_invalid_is_named(tmp_path):
     for device, text in (('/dev/video97', 'no such camera; there '), ('97', '/dev/video97: no'),
                          ('/dev/null', '/dev/null: no camera of Video4Linux'),
                          (str(tmp_path / 'a.mkv'), 'a.mkv: no such file')):
@@ -228,7 +228,7 @@ def test_a_lost_device_is_opened_again(monkeypatch):
     assert not thread.running and script.closed == 4
 
 
-def test_a_loss_is_reported_until_it_is_mended(monkeypatch):
+def test_a_loss_is_reported_until_it_is_fixed(monkeypatch):
     script = Script(1, CaptureError('device it: not there'))
     thread = CaptureThread(CaptureOptions(), lambda: None, script)
     monkeypatch.setattr('startracker_ros.io.images.capture._FIRST_WAIT_S', 30.0)
@@ -251,7 +251,7 @@ def test_a_driver_that_sends_nothing_is_a_loss(monkeypatch):
     assert thread.state.name == LOST and 'no image for' in thread.state.text
 
 
-def test_images_that_nobody_fetches_are_dropped_and_the_end_is_no_loss(tmp_path):
+def test_images_that_nobody_fetches_are_dropped_and_the_end_is_not_a_loss(tmp_path):
     write_images(tmp_path, 5)
     thread = CaptureThread(CaptureOptions(device=str(tmp_path), frame_rate_hz=1000.0),
                            lambda: None)

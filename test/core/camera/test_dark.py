@@ -56,7 +56,7 @@ def test_a_dark_frame_and_a_list_of_its_pixels_are_the_same(image, tmp_path):
 
 
 @pytest.mark.parametrize('content, words', [
-    ('', 'no pixels in it'), ('3,4\n5;6\n', "line 2: '5;6' is no u,v of a pixel"),
+    ('', 'no pixels in it'), ('3,4\n5;6\n', "line 2: '5;6' is not a u,v of a pixel"),
     ('3 4 5', 'line 1'), ('9999, 4', '9999,4 is not in the image of 1024 x 768 px'),
     ('-1, 4', '-1,4 is not in the image')])
 def test_wrong_lists_are_named(image, tmp_path, content, words):
@@ -78,7 +78,7 @@ def test_wrong_dark_frames_are_named(image, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('count', [150, 500])
-def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
+def test_snow_of_hot_pixels_is_not_sky_and_hides_none(image, count):
     snow = dark_frame(image.shape, count, count, size=2)
     for given_deg in (11.4, None):
         solution = st.solve(np.maximum(image, snow), given_deg, YEAR)
@@ -89,7 +89,7 @@ def test_snow_of_hot_pixels_is_no_sky_and_hides_none(image, count):
 
 
 @pytest.mark.parametrize('sigma_px', [0.5, 0.6, 1.0, 2.0])
-def test_stars_are_no_clusters_of_hot_pixels(sigma_px):
+def test_stars_are_not_clusters_of_hot_pixels(sigma_px):
     rng = np.random.default_rng(2)
     v, u = np.mgrid[:400, :400]
     sky = rng.normal(200, 4, (400, 400))

@@ -79,6 +79,6 @@ def test_a_time_without_a_zone_counts_as_utc(tmp_path, details):
 
 
 @pytest.mark.parametrize('text', ['0000:00:00 00:00:00', '    :  :     :  :  ', 'noon', ''])
-def test_a_time_that_is_none(tmp_path, text):
+def test_a_time_that_is_invalid(tmp_path, text):
     path = save(tmp_path / 'a.jpg', details={0x9003: text})
     assert read_photograph(path).taken is None

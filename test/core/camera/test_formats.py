@@ -92,7 +92,7 @@ def test_a_file_compressed_by_gzip_is_read_and_found_in_a_folder(tmp_path):
     ([fits.PrimaryHDU(), fits.BinTableHDU.from_columns(
         [fits.Column('a', 'J', array=np.arange(3))])], 'a table'),
     ([fits.PrimaryHDU(np.full((8, 9), np.nan, np.float32))], 'no finite pixel')])
-def test_fits_that_is_no_image(tmp_path, units, words):
+def test_fits_that_is_not_an_image(tmp_path, units, words):
     fits.HDUList(units).writeto(tmp_path / 'a.fits')
     with pytest.raises(ImageError, match=f'a.fits: .*{words}'):
         read_image(tmp_path / 'a.fits')
@@ -261,8 +261,8 @@ def test_xisf_is_read_as_fits_is(tmp_path, compression):
     (lambda content: content.replace(b'UInt16', b'Cplx16'), 'pixels of type Cplx16'),
     (lambda content: content.replace(b'geometry="', b'geometry="9'), 'a.xisf'),
     (lambda content: content.replace(b'<?xml version="1.0"?>', b'<!DOCTYPE a [<!ENTITY b "c">]>'
-                                     ), 'no XISF header')])
-def test_xisf_that_is_no_image_is_named(tmp_path, change, words):
+                                     ), 'not an XISF header')])
+def test_xisf_that_is_not_an_image_is_named(tmp_path, change, words):
     (tmp_path / 'a.xisf').write_bytes(change(xisf(SKY.astype('<u2'), 'zlib')))
     with pytest.raises(ImageError, match=words):
         read_image(tmp_path / 'a.xisf')

@@ -98,7 +98,7 @@ def test_files_hold_every_model(camera, tmp_path):
     assert load_camera(tmp_path / 'camera.yaml') == camera
 
 
-def test_outside_the_circle_of_a_fisheye_is_no_direction():
+def test_outside_the_circle_of_a_fisheye_is_not_a_direction():
     """Orthographic, sin(theta) as a series: all that it sees is within the focal length."""
     camera = Camera(800, 600, 250.0, 250.0, 410.0, 290.0,
                     (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880), EQUIDISTANT)

@@ -86,7 +86,7 @@ def test_pages_of_floats_are_scaled_to_16_bits(tmp_path):
         assert np.corrcoef(frame.image.ravel(), image.ravel())[0, 1] > 0.99
 
 
-def test_one_image_is_no_video_and_neither_is_a_thumbnail_a_frame(tmp_path):
+def test_one_image_is_not_a_video_and_neither_is_a_thumbnail_a_frame(tmp_path):
     cv2.imwrite(str(tmp_path / 'one.png'), noise(1)[0])
     write_pages(tmp_path / 'thumbnail.tif', [noise(1)[0], noise(1, shape=(6, 8))[0]])
     (tmp_path / 'damaged.gif').write_bytes(b'GIF89a')
@@ -94,7 +94,7 @@ def test_one_image_is_no_video_and_neither_is_a_thumbnail_a_frame(tmp_path):
         assert not is_video(tmp_path / name), name
 
 
-def test_what_is_no_video_is_named(tmp_path, monkeypatch):
+def test_what_is_not_a_video_is_named(tmp_path, monkeypatch):
     (tmp_path / 'junk.mkv').write_bytes(b'no video' * 100)
     for name, reason in (('junk.mkv', 'not a video'), ('missing.mkv', 'no such file')):
         with pytest.raises(ImageError, match=f'{name}: {reason}'):

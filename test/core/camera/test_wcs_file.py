@@ -116,7 +116,7 @@ def test_header_as_text_and_behind_an_image(tmp_path):
     (header(CTYPE1='RA---ZPN'), 'RA---ZPN, DEC--TAN-SIP is not TAN'),
     (header(IMAGEW=None, CRPIX1='NaN'), 'no'),
     (fits.Header({'SIMPLE': True}), 'no FITS header with CTYPE1')])
-def test_what_is_no_camera_is_named(cards, words, tmp_path):
+def test_what_is_not_a_camera_is_named(cards, words, tmp_path):
     path = tmp_path / 'a.wcs'
     path.write_bytes(cards.tostring().encode())
     with pytest.raises(CameraError, match=words) as caught:

@@ -81,7 +81,7 @@ def test_place_of_well_known_stars(hip):
     catalog = load_catalog()
     direction = catalog.directions(2000.0)[catalog.hip == hip]
     place = unit_from_radec(*np.radians(J2000_PLACES[hip]))
-    # One arc second leaves room for the orbit of alpha Centauri.
+    # One arc second allows for the orbit of alpha Centauri.
     assert separation_rad(direction, place) < 1 * ARCSEC
 
 

@@ -153,7 +153,7 @@ def scene(sigma_px, kick=None, side_px=256):
     """
     Return an image of nine stars and their parameters (9, 5).
 
-    After a kick (u, v, share) that share of their flux is beside them, which are in the middle of
+    After a kick (u, v, share) that share of their flux is next to them, which are in the middle of
     pixels.
     """
     rng = np.random.default_rng(6)

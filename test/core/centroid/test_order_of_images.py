@@ -78,7 +78,7 @@ def test_a_search_depends_on_what_is_passed_in_alone(images, earlier, last):
     assert third.psf_sigma_px == fourth.psf_sigma_px
 
 
-def test_sharp_stars_after_wide_ones_are_no_hits():
+def test_sharp_stars_after_wide_ones_are_not_hits():
     extractor = CentroidExtractor()
     assert len(extractor.measure(image_of(20, 1.6)).centroids) == 20
     assert len(extractor.measure(image_of(2, 0.45)).centroids) == 2

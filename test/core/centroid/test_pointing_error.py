@@ -64,7 +64,7 @@ def test_images_as_they_should_be_have_no_correlated_error():
         assert not extraction.centroids.common.any()
 
 
-def test_companions_of_some_stars_are_no_motion():
+def test_companions_of_some_stars_are_not_motion():
     for seed in range(3):
         image, _ = image_of(KICK, np.random.default_rng(seed),
                             moves=lambda index: index % 6 == 0)

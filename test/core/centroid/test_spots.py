@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Spots of any shape: stars above a skyline, which is no star itself."""
+"""Spots of any shape: stars above a skyline, which is not a star itself."""
 
 import numpy as np
 import pytest

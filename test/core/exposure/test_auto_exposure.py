@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A camera whose settings are chosen by its images, in a thread beside it."""
+"""A camera whose settings are chosen by its images, in a separate thread."""
 
 import time
 

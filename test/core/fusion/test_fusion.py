@@ -115,7 +115,7 @@ def test_of_three_the_two_that_agree_count():
         results = heads.run(20, errors={wrong: np.radians([0.6, 0.8, 0.0])})
         assert heads.state(wrong) is HeadState.EXCLUDED
         assert '1 deg from' in heads.fusion.heads[NAMES[wrong]].reason
-        # The mounts of the others may be off by their own sigma, and are not here.
+        # The mounts of the others are uncertain by their sigma, and are not here.
         assert heads.error_arcsec([result for result in results if result][-1]) < 0.1
 
 
@@ -292,7 +292,7 @@ def test_heads_go_on_when_the_gyro_ends():
     assert max(heads.error_arcsec(result) for result in results if result) < 0.1
 
 
-def test_an_hour_in_which_all_are_blinded_is_no_error_of_the_gyro():
+def test_an_hour_in_which_all_are_blinded_is_not_an_error_of_the_gyro():
     heads, results = Heads(2), []
     for index in range(80):
         heads.time_s += 3600.0 * (index == 40)
@@ -328,8 +328,8 @@ def test_time_that_goes_back_for_all_is_a_new_start():
     ([0, 0, 0, np.nan], COVARIANCE), ([0, 0, 0, 0.9], COVARIANCE),
     ([0, 0, 0, 1], COVARIANCE * np.nan), ([0, 0, 0, 1], -COVARIANCE),
     ([0, 0, 0, 1], np.diag([1.0, 1.0, 0.0])), ([0, 0, 0, 1], np.diag([1.0, -1.0, -1.0]))])
-def test_what_is_no_attitude_is_rejected(quaternion, covariance):
-    with pytest.raises(ValueError, match='no attitude|not positive definite'):
+def test_what_is_not_an_attitude_is_rejected(quaternion, covariance):
+    with pytest.raises(ValueError, match='not an attitude|not positive definite'):
         HeadFrame(START_NS, np.array(quaternion, float), covariance)
 
 
@@ -494,7 +494,7 @@ def test_the_reference_is_not_wrong_where_it_does_not_count():
         True, True, True]
 
 
-def test_a_covariance_that_is_none_is_given_up():
+def test_a_covariance_that_is_invalid_is_given_up():
     heads = Heads(2)
     heads.run(5)
     for variances in ([1e-39, 1e-19, 1e30], [1e-16, 1e37, 1e-19]):
@@ -502,7 +502,7 @@ def test_a_covariance_that_is_none_is_given_up():
         result, = heads.run(1, heads=[0])
         assert result is None and heads.fusion.trouble.startswith(
             'the covariance of the filter is not positive definite, its diagonal is [')
-        # And begins anew, without what was learnt with it.
+        # And restarts, without what was estimated with it.
         heads.covariance = COVARIANCE
         last = heads.run(3)[-1]
         assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''

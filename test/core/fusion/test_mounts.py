@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Mounts: learnt in flight, their steps, and the file."""
+"""Mounts: estimated in flight, their steps, and the file."""
 
 import numpy as np
 import pytest
@@ -25,14 +25,14 @@ def learn(scene, options, seed=6):
     return fusion, list(run.events(fusion))
 
 
-def test_an_orbit_of_bending_is_learnt_and_lasts_in_the_file(tmp_path):
+def test_an_orbit_of_bending_is_estimated_and_lasts_in_the_file(tmp_path):
     period_s = 100.0
     scene = Scene(2 * period_s, period_s=1.0, orbit_s=period_s, bend_arcsec=20.0)
     options = MountOptions(mount_sigma_arcsec=3.0, mount_orbit_arcsec=20.0,
                            orbit_period_s=period_s, mount_walk_arcsec_sqrt_h=0.1)
     fusion, outcomes = learn(scene, options)
     stamp_ns, truth = outcomes[-1].fused.stamp_ns, outcomes[-1].misalignment
-    save_mounts(fusion.mounts.learnt(), tmp_path / 'mounts.yaml')
+    save_mounts(fusion.mounts.estimated(), tmp_path / 'mounts.yaml')
     reloaded = AttitudeFusion(load_mounts(tmp_path / 'mounts.yaml', NAMES), FusionOptions(),
                               options)
     for head, name in enumerate(NAMES):
@@ -48,7 +48,7 @@ def test_an_orbit_of_bending_is_learnt_and_lasts_in_the_file(tmp_path):
         np.testing.assert_allclose(again, before, rtol=1e-9, atol=1e-20)
 
 
-def test_bending_with_the_temperature_is_learnt():
+def test_bending_with_the_temperature_is_estimated():
     scene = Scene(300.0, period_s=1.0, temperature_arcsec_k=1.0)
     fusion, outcomes = learn(scene, MountOptions(
         mount_sigma_arcsec=3.0, mount_temperature_arcsec_k=1.0, mount_walk_arcsec_sqrt_h=0.1))
@@ -88,10 +88,10 @@ def test_the_misalignment_is_about_body_axes():
     assert not fusion.heads['b'].set_temperature(293.15)
 
 
-def test_a_law_of_the_file_counts_where_none_is_learnt():
+def test_a_law_of_the_file_counts_where_none_is_estimated():
     law = np.array([[1e-5, 0, 0], [0, 2e-5, 0], [0, 0, 0]])
-    learnt = Mount(MOUNT, law=law, law_covariance=np.eye(12) * 1e-14, temperature_c=20.0)
-    fusion = AttitudeFusion({'a': Mount(MOUNT), 'b': learnt})
+    estimated = Mount(MOUNT, law=law, law_covariance=np.eye(12) * 1e-14, temperature_c=20.0)
+    fusion = AttitudeFusion({'a': Mount(MOUNT), 'b': estimated})
     assert fusion.heads['b'].needs_temperature and not fusion.heads['a'].needs_temperature
     fusion.heads['b'].set_temperature(21.0)
     assert not fusion.heads['b'].needs_temperature
@@ -132,13 +132,13 @@ def test_heads_on_bent_mounts_agree_on_the_attitude_of_the_body():
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('heads: [', 'no YAML'), ('a: 1', 'no heads:'), ('heads: {b: {}}', 'no mount of a; it has b'),
-    ('heads: {a: 3}', 'a is no mapping'), ('heads: {a: {}}', 'a has no quaternion'),
+    ('heads: {a: 3}', 'a is not a mapping'), ('heads: {a: {}}', 'a has no quaternion'),
     ('heads: {a: {quaternion: [0, 0, 0]}}', 'quaternion of a must be 4 finite numbers'),
     ('heads: {a: {quaternion: [0, 0, 0, .nan]}}', '4 finite numbers'),
     ('heads: {a: {quaternion: [0, 0, 1, 1]}}', 'norm 1.4142'),
     ('heads: {a: {quaternion: [0, 0, 0, 1], time_offset_s: x}}', 'time_offset_s of a'),
     ('heads: {a: {quaternion: [0, 0, 0, 1], covariance_arcsec2: [-1, 0, 0, 0, 1, 0, 0, 0, 1]}}',
-     'covariance_arcsec2 of a is no covariance')])
+     'covariance_arcsec2 of a is not a covariance')])
 def test_a_wrong_file_is_named(tmp_path, text, words):
     path = tmp_path / 'mounts.yaml'
     path.write_text(text)

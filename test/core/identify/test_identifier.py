@@ -233,7 +233,7 @@ def test_a_catalogue_without_pairs_gives_no_result(onboard):
 
 
 @pytest.mark.slow
-def test_a_catalogue_too_deep_for_the_field_is_no_burden():
+def test_a_catalogue_too_deep_for_the_field_is_not_a_burden():
     """Two thousand stars in a field: bounded pairs, and still the right result."""
     camera = Camera.from_fov(512, 512, 40.0)
     sky = onboard_stars(camera, EPOCH_YEAR, 4.0)

@@ -92,7 +92,7 @@ def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
     assert sum(file.stat().st_size for file in cache_folder().iterdir()) <= sizes
 
 
-def test_a_file_that_another_process_deletes_is_no_error(onboard, monkeypatch, caplog):
+def test_a_file_that_another_process_deletes_is_not_an_error(onboard, monkeypatch, caplog):
     cached_pairs(onboard, NEAR, 0.19)
     gone = [cache_folder() / 'pairs-gone.bin']
     monkeypatch.setattr(folders.Path, 'glob', lambda folder, pattern: gone)

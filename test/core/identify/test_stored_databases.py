@@ -64,7 +64,7 @@ def made(key, size=1000):
 
 
 def copied_kb(stored):
-    """Return the memory in kB that this process has beside that of the file of arrays."""
+    """Return the memory in kB that this process has in addition to that of the file of arrays."""
     address = stored.arrays['numbers'].__array_interface__['data'][0]
     lines = iter(Path('/proc/self/smaps').read_text().splitlines())
     for line in lines:
@@ -152,7 +152,7 @@ def test_other_content_has_another_format(own_cache):
 
 
 def limit(monkeypatch, databases):
-    """Leave room for databases of so many bytes."""
+    """Limit the cache to databases of so many bytes."""
     monkeypatch.setenv(folders.CACHE_VARIABLE, str(1e-6 * (databases + 1)))
 
 
@@ -185,7 +185,7 @@ def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
     limit(monkeypatch, 8.1 * 8000)
     built = [subprocess.run([sys.executable, '-c', SEARCH], capture_output=True, text=True,
                             check=True, timeout=HANGS_S).stdout for _ in range(3)]
-    # One of the last that it needs is built anew.
+    # One of the last that it needs is built again.
     assert built == ['abcdef', 'e', 'e']
     assert 8 * 8000 < sum(file.stat().st_size for file in cache_folder().iterdir()) < 8.1 * 8000
 
@@ -195,7 +195,7 @@ def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
 def test_the_size_of_the_cache_is_that_of_the_environment(monkeypatch, caplog, text, megabytes):
     monkeypatch.setenv(folders.CACHE_VARIABLE, text)
     assert folders.most_cache_bytes() == 1e6 * megabytes
-    assert ('no size in MB' in caplog.text) == (text in ('much', '-1'))
+    assert ('not a size in MB' in caplog.text) == (text in ('much', '-1'))
 
 
 def test_prepared_arrays_are_bounded(own_cache, monkeypatch):

@@ -37,7 +37,7 @@ def test_the_level_is_exceeded_no_more_often_than_stated():
         found = exceedance(FIELD, options, false=false, draws=draws,
                            rng=np.random.default_rng(4))
         assert 0 < found.probability <= options.misleading_probability
-    # It is no empty bound either: without a false star it is that of a share of the probability.
+    # The bound is not empty: without a false star it is that of a share of the probability.
     sigma = np.sqrt(np.diag(FIELD.covariance))
     assert (level(options) < 8 * sigma).all() and (level(options) > 3.5 * sigma).all()
 

@@ -144,7 +144,7 @@ def test_line_of_sight_through_a_real_lens(camera):
                                atol=0.03 * np.abs(one.covariance[3:, 3:]).max())
     np.testing.assert_array_equal(one.covariance[:3, :3], 25.0 * np.eye(3))
     assert not one.covariance[:3, 3:].any()
-    with pytest.raises(ValueError, match='is no attitude'):
+    with pytest.raises(ValueError, match='is not an attitude'):
         line_of_sight(camera, uv, 0.4, np.zeros(4), np.eye(3), OBSERVERS[0], np.eye(3))
 
 

@@ -70,7 +70,7 @@ def test_two_neighbours_do_not_name_the_mirror_image_of_a_star(field):
     mirrored = a + 2 * along * ((c - a) @ along) - (c - a)
     uv = np.array([a, b, mirrored])
     np.testing.assert_array_equal(field.assigned(ONBOARD, uv), [0, 1, -1, -1, -1])
-    # A third neighbour that does not agree is no help.
+    # A third neighbour that does not agree does not help.
     uv = np.array([a, b, mirrored, ONBOARD[3]])
     np.testing.assert_array_equal(field.assigned(ONBOARD, uv), [0, 1, -1, 3, -1])
 
@@ -122,7 +122,7 @@ def test_a_centroid_is_given_once_and_agrees_with_the_catalogue(rng):
         for i, j in itertools.combinations(np.flatnonzero(assigned >= 0), 2):
             apart = np.arccos(sensor[assigned[i]] @ sensor[assigned[j]])
             known = np.arccos(field.icrf[i] @ field.icrf[j])
-            # Both may be off by the radius of a gate about a prediction that is off itself.
+            # Both have errors to the radius of a gate about an uncertain prediction.
             assert abs(apart - known) <= (2 * GATE_PX + 8 * SIGMA_PX) * CAMERA.pixel_rad
 
 

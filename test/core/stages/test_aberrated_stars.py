@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Lenses whose stars are no points: other shapes in each part of the image, or one for all."""
+"""Lenses whose stars are not points: other shapes in each part of the image, or one for all."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_images_of_a_known_camera_are_solved_whatever_the_shape():
     *(pytest.param(*case, marks=pytest.mark.long) for case in (
         (of_each_part, 0.5, (0.0, 0.0, 0.0)), (of_each_part, 0.5, (0.1, 0.1, 0.0)),
         (of_all, 0.7, (0.0, 0.6, 0.0)), (of_all, 0.7, (0.1, 0.1, 0.0))))])
-def test_static_shapes_are_no_motion(shape, sigma_px, rate_deg_s):
+def test_static_shapes_are_not_motion(shape, sigma_px, rate_deg_s):
     """Available in 95 % of the frames after the two identifications, none beyond 5 sigma."""
     simulator, pipeline = sky(rate_deg_s), StarTracker(CAMERA, EPOCH_YEAR)
     rng, published = np.random.default_rng(3), 0

@@ -189,7 +189,7 @@ def test_north_is_where_no_star_is():
     black, corner = np.zeros((768, 1024), np.uint8), np.array([[960.0, 700.0]])
 
     def below(spots):
-        """Return whether the lower right corner has something that is no circle."""
+        """Return whether the lower right corner has something that is not a circle."""
         picture = annotated(black, spots, np.zeros(len(spots), int), sky, YEAR)
         return (picture[650:, 900:] != annotate(black, spots)[650:, 900:]).any()
     assert below(np.empty((0, 2))) and not below(corner)

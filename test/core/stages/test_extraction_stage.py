@@ -99,7 +99,7 @@ def test_smeared_stars_are_tracked_at_three_degrees_a_second():
     assert published >= 16 and windowed >= 10
 
 
-def test_a_repeated_image_is_no_attitude_while_the_stars_move():
+def test_a_repeated_image_is_not_an_attitude_while_the_stars_move():
     last = {}
 
     def repeat(index, image):
@@ -266,7 +266,7 @@ def test_an_exposure_is_the_mean_of_what_images_show_and_follows_a_change():
     assert exposure(0.0, *shown, (0.02, 30.0))[0] == 0.02
 
 
-def test_a_given_exposure_is_not_learnt():
+def test_a_given_exposure_is_not_estimated():
     assert exposure(0.1, (0.02, 1e6)).tolist() == [0.1, 0.1, 0.1]
     image = next(run(1, (1.0, 0.0, 0.0)))[2].image
     stage = ExtractionStage(ExtractionOptions(exposure_s=0.03))
@@ -276,7 +276,7 @@ def test_a_given_exposure_is_not_learnt():
 
 
 def test_an_exposure_that_changes_from_image_to_image_is_that_of_its_streaks():
-    """Learnt from the images alone it is wrong in every other one."""
+    """Estimated from the images alone it is wrong in every other one."""
     exposures_s = 0.03, 0.09
     skies = [SkySimulator(
         CAMERA, turning((2.5, 1.5, 0.3)), load_catalog(), 2026.5, frame_rate_hz=10.0,

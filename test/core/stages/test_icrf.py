@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from skies import CAMERA, onboard_stars
-from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.aberration import apparent_directions, state_near_earth
 from startracker_ros.core.astro.epoch import catalogue_epoch, stamp_from_epoch_year
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import AberrationOptions, AT_REST, observer_at
@@ -32,8 +32,8 @@ BRIGHT = onboard_stars(CAMERA, YEAR, 6.5)
 
 
 def sky_of(velocity_m_s):
-    vantage = vantage_near_earth(YEAR, velocity_m_s)
-    return replace(BRIGHT, direction=apparent_directions(BRIGHT.direction, vantage))
+    observer_state = state_near_earth(YEAR, velocity_m_s)
+    return replace(BRIGHT, direction=apparent_directions(BRIGHT.direction, observer_state))
 
 
 def pipeline_of(mode):
@@ -168,20 +168,20 @@ def test_directions_are_computed_anew_when_the_velocity_has_changed():
     for velocity in ([7e3, 0.0, 0.0], [7e3, 1.0, 0.0], [0.0, 7e3, 0.0], None):
         observer = observer_at(YEAR, None if velocity is None else np.array(velocity))
         sky = sky.seen_by(observer)
-        expected = apparent_directions(ONBOARD.direction[:5], observer.vantage)
+        expected = apparent_directions(ONBOARD.direction[:5], observer.state)
         assert np.abs(sky.direction(star) - expected).max() < 0.0011 * ARCSEC
     moved, sky = sky, sky.seen_by(AT_REST)
     np.testing.assert_array_equal(sky.direction(star), ONBOARD.direction[:5])
     # Each stays as it is, whatever another observer sees.
     np.testing.assert_array_equal(
-        moved.direction(star), apparent_directions(ONBOARD.direction[:5], observer.vantage))
+        moved.direction(star), apparent_directions(ONBOARD.direction[:5], observer.state))
 
 
 def test_a_camera_on_the_ground_is_solved_with_refraction():
     """At 40 deg of elevation refraction is 70 arcsec, and 4 arcsec different across the field."""
     site = Site(48.0, 11.5, 500.0)
     observer = observer_at(YEAR, site.velocity_m_s(YEAR), site.air(YEAR))
-    sky = replace(BRIGHT, direction=apparent_directions(BRIGHT.direction, observer.vantage))
+    sky = replace(BRIGHT, direction=apparent_directions(BRIGHT.direction, observer.state))
     zenith = site.zenith(YEAR)
     side = np.cross(zenith, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)

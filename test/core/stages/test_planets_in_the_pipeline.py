@@ -76,12 +76,12 @@ def process(pipeline, frames):
 @pytest.mark.parametrize('name, year, magnitude', [
     ('Venus', 2026.5, -4.1), ('Jupiter', 2026.2, -2.3), ('Saturn', 2026.5, 0.9),
     ('Mars', 2026.5, 1.3), ('Mercury', 2026.5, 2.6), ('Uranus', 2026.5, 5.8)])
-def test_a_planet_is_no_star_and_has_its_name(pipeline, name, year, magnitude):
+def test_a_planet_is_not_a_star_and_has_its_name(pipeline, name, year, magnitude):
     frames = frames_at(name, year, detector=DEEP)
     result, spots = process(pipeline, frames)
     frame = frames[-1][1]
     observer = pipeline.tracker.sky.at(result.stamp_ns).observer
-    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.vantage)
+    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.state)
     seen = {body.name: body for body in Bodies(observer.bodies).in_image(sky)}
     assert seen[name].magnitude == pytest.approx(magnitude, abs=0.15)
     planets = frame.stars.uv[frame.stars.hip == 0]
@@ -98,7 +98,7 @@ def test_a_star_that_a_planet_covers_is_not_identified(pipeline):
     assert sky.crowded(star) and not onboard.crowded[star]
 
 
-def test_the_moon_covers_stars_and_is_none(pipeline):
+def test_the_moon_covers_stars_and_is_not_a_star(pipeline):
     year = 2026.3
     frames = frames_at('Moon', year, 2.0, discs=DISCS)
     frame = frames[0][1]

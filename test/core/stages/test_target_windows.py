@@ -98,7 +98,7 @@ def test_a_new_target_is_found_within_two_seconds():
     windowed, errors = np.array([scene.step() for _ in range(42)]).T
     first = int(np.flatnonzero(np.isfinite(errors))[0])
     assert 21 + 4 <= first <= 21 + 10 + 6
-    # Without a spot that is no star, one image a second is enough.
+    # Without a spot that is not a star, one image a second is enough.
     assert windowed[5:20].sum() >= 13
 
 
@@ -110,7 +110,7 @@ def with_targets(predicted, uv):
         np.zeros(count, np.int32), 0))
 
 
-def test_targets_that_are_missed_or_seen_are_no_stars():
+def test_targets_that_are_missed_or_seen_are_not_stars():
     """They change neither which images are searched, nor the motion of the stars."""
     scene = Scene(5.0, begins_s=99.0)
     for _ in range(6):

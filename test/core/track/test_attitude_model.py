@@ -276,8 +276,8 @@ def published_sigma(stated, **options):
     return np.sqrt(np.mean([np.diag(covariance) for covariance in covariances[50:]], axis=0))
 
 
-def test_errors_that_are_stated_too_large_are_learnt():
-    """As of stars that are no Gaussians."""
+def test_errors_that_are_stated_too_large_are_estimated():
+    """As of stars that are not Gaussians."""
     true_sigma = published_sigma(1.0)
     assert published_sigma(1.6) == pytest.approx(true_sigma, rel=0.1)
     assert (published_sigma(4.0) > 1.4 * true_sigma).all()

@@ -54,7 +54,7 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is():
     assert 'the filter has diverged: 5 frames' in tracker.reason and 'sigma' in tracker.reason
 
 
-def test_a_covariance_that_is_none_is_given_up():
+def test_a_covariance_that_is_invalid_is_given_up():
     motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
     tracker = tracking(motion)
     call('stt_set_variance', handle(tracker), 4, -1e-6)

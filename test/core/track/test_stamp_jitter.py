@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Stamps that err by a random time: the covariance contains the turn in that time."""
+"""Random timestamp errors: the covariance contains the turn in that time."""
 
 from chi_square import check_mean
 import numpy as np
@@ -14,7 +14,7 @@ from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 from startracker_ros.tools.figures.correctness import nees_of
 
 ONBOARD = sky()
-LEARNT_FRAMES = 15
+WARM_UP_FRAMES = 15
 
 
 def flown(jitter_s, rate_deg_s, seed=0, frames=60, jerk_deg_s=0.0):
@@ -46,7 +46,7 @@ def flown(jitter_s, rate_deg_s, seed=0, frames=60, jerk_deg_s=0.0):
     (0.005, (0.1, 0.25, 0.1)), (0.02, (0.5, -0.8, 0.2)), (0.001, (1.0, 0.0, 0.0))])
 def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
     runs = [flown(jitter_s, rate_deg_s, seed) for seed in range(4)]
-    series = [nees_of(*run[:2])[LEARNT_FRAMES:] for run in runs]
+    series = [nees_of(*run[:2])[WARM_UP_FRAMES:] for run in runs]
     values = np.concatenate(series)
     assert len(values) > 4 * 35
     check_mean(3, *series, inflation=2.0)
@@ -55,7 +55,7 @@ def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
 
 
 @pytest.mark.slow
-def test_good_stamps_and_manoeuvres_are_no_error_of_the_stamps():
+def test_good_stamps_and_manoeuvres_are_not_errors_of_the_stamps():
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed)[2] for seed in range(10))
     assert not any(flown(0.0, (0.1, 0.25, 0.1), seed, jerk_deg_s=0.1)[2] for seed in range(10))
     assert not any(flown(0.0, (0.0, 0.0, 0.0), seed)[2] for seed in range(5))
@@ -78,7 +78,7 @@ class Shaken(Motion):
             [*np.radians(0.01) * shift, 0.0]))
 
 
-def learnt(motion, frames=60):
+def estimated(motion, frames=60):
     """Return the sigma of the stamps, exact ones, after each frame of a motion."""
     tracker, sigmas = TrackFilter(motion.camera, ONBOARD, TrackerOptions()), []
     for frame in range(frames):
@@ -87,16 +87,16 @@ def learnt(motion, frames=60):
         if tracker.state is not TrackerState.TRACKING:
             tracker.identified(stamp_ns, centroids, hip)
         sigmas.append(tracker.stamp_sigma_s)
-    return np.array(sigmas)[LEARNT_FRAMES:]
+    return np.array(sigmas)[WARM_UP_FRAMES:]
 
 
 @pytest.mark.parametrize('rate_deg_s', [(0.05, 0.1, 0.0), (0.0, 0.0, 0.0)])
-def test_an_oscillation_is_no_error_of_the_stamps(rate_deg_s):
-    sigmas = [learnt(Swinging(ONBOARD, rate_deg_s, seed=seed)) for seed in range(4)]
+def test_an_oscillation_is_not_an_error_of_the_stamps(rate_deg_s):
+    sigmas = [estimated(Swinging(ONBOARD, rate_deg_s, seed=seed)) for seed in range(4)]
     assert np.mean(np.array(sigmas) > 0) < 0.15
 
 
 def test_a_shaken_camera_is_no_larger_error_of_the_stamps_than_it_moves():
     # Along the rate it moves now and then more than across it.
-    sigmas = [learnt(Shaken(ONBOARD, (0.1, 0.0, 0.0), seed=seed)) for seed in range(10)]
+    sigmas = [estimated(Shaken(ONBOARD, (0.1, 0.0, 0.0), seed=seed)) for seed in range(10)]
     assert 0.1 * np.array(sigmas).max() < 0.01

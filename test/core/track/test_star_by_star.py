@@ -104,7 +104,7 @@ def test_the_attitude_is_that_of_the_solver_and_the_same_stars(model):
 
 
 @pytest.mark.parametrize('model', ['constant_velocity', 'coordinated_turn'])
-def test_a_measured_roll_is_no_noise(model):
+def test_a_measured_roll_is_not_noise(model):
     rms = {}
     for measured in (True, False):
         motion = Jittering(ONBOARD, (0.0, 0.06, 0.0), false_points=20)

@@ -159,7 +159,7 @@ def anywhere(sky, tracker):
     return (tracker.predicted(sky.turn).sigma_px >= 1024).any()
 
 
-def test_a_second_whole_image_is_wanted_for_what_is_no_star():
+def test_a_second_whole_image_is_wanted_for_what_is_not_a_star():
     sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     nothing = np.empty((0, 3))
     wanted = []

@@ -215,7 +215,7 @@ def test_new_stars_count_only_after_some_frames():
     assert usable[:4] == [8] * 4 and usable[4] > 25
 
 
-def test_few_stars_that_come_and_go_in_a_fast_turn_are_no_loss():
+def test_few_stars_that_come_and_go_in_a_fast_turn_are_not_a_loss():
     sparse = sky(5.6)
     published, losses = 0, 0
     for seed in range(4):
@@ -246,7 +246,7 @@ def test_other_stars_than_those_followed_are_used_where_they_are_as_predicted():
         if shift_px is None:
             centroids = centroids.select(~mine)
         else:
-            # A second image beside: not all stars are where the others have them.
+            # A second image next to it: not all stars are where the others have them.
             centroids.uv[mine] += [0.0, shift_px]
         tracks = tracker.update(stamp_ns, centroids)
         assert (tracker.attitude is not None) == trusted

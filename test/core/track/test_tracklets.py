@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Moving objects linked among false centroids; stars, hot pixels and hits are none."""
+"""Moving objects linked among false centroids; not stars, hot pixels and hits."""
 
 import numpy as np
 from skies import CAMERA
@@ -52,14 +52,14 @@ def test_objects_are_linked_among_false_centroids():
         assert (np.diff(found.frame[member]) > 0).all()
 
 
-def test_hits_stars_and_hot_pixels_are_no_objects():
+def test_hits_stars_and_hot_pixels_are_not_objects():
     star = rotate(attitude(50), CAMERA.unproject(np.array([400.0, 600.0])))
     for seed in range(3):
         assert not link_tracklets(scene(hot=[(200.0, 300.0), (700.5, 800.2)], stars=[star],
                                         false=2.0, seed=seed))
 
 
-def test_few_or_no_detections_are_no_object():
+def test_few_or_no_detections_are_not_an_object():
     none = scene(false=0.0)
     assert not len(none.frame) and link_tracklets(none) == []
     short = scene([(5, (500.0, 500.0), (1e-3, 0.0, 0.0))], false=0.0, frames=4)

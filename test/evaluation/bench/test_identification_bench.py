@@ -66,7 +66,7 @@ def test_frames_have_their_false_spots_in_the_range_of_the_stars():
         assert least <= np.count_nonzero(flux > (flux.min() + flux.max()) / 2) <= most
 
 
-def test_a_hundred_bright_false_spots_are_no_obstacle():
+def test_a_hundred_bright_false_spots_are_not_an_obstacle():
     outcome = solve_frames(VIEWS['D12'], CASES['100 bright false spots'], 20, 3)
     assert outcome.correct.all()
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Photographs with known answers, ours beside peers."""
+"""Photographs with known answers, ours compared with peers."""
 
 import csv
 from pathlib import Path

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The Hausdorff campaign: its rows hold, stand beside the paper's, and can be repeated."""
+"""The Hausdorff campaign: its rows hold, stand compared with the paper's, and can be repeated."""
 
 from itertools import combinations
 

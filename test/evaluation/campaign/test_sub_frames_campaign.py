@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The attitudes between the frames of a rolling shutter, beside their bound."""
+"""The attitudes between the frames of a rolling shutter, compared with their bound."""
 
 import numpy as np
 import pytest

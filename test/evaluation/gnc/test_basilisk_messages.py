@@ -86,6 +86,6 @@ def test_the_navigation_message(basilisk):
     (0, [0, 0, 1], [0, 0, 0], 'is not 4 finite numbers'),
     (0, [0, 0, 0, 1], [0, np.inf, 0], 'rate .* is not 3 finite numbers'),
     (-1, [0, 0, 0, 1], [0, 0, 0], 'before the start')])
-def test_what_is_no_attitude_becomes_no_message(basilisk, time_ns, q, rate, words):
+def test_what_is_not_an_attitude_becomes_no_message(basilisk, time_ns, q, rate, words):
     with pytest.raises(MeasurementError, match=words):
         navigation_payload(time_ns, np.array(q), np.array(rate))

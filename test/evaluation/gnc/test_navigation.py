@@ -44,7 +44,7 @@ def test_it_filters_and_its_covariance_contains_the_error():
     assert low / 2 < np.mean(squared) < high, (low / 2, np.mean(squared), high)
 
 
-def test_a_torque_that_is_known_is_no_innovation():
+def test_a_torque_that_is_known_is_not_an_innovation():
     rng = np.random.default_rng(2)
     torque, q = np.array([0.01, 0.0, 0.0]), random_attitude(rng)
     navigation = Navigation(INERTIA)

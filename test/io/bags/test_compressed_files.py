@@ -73,7 +73,7 @@ def test_what_is_left_of_a_cut_file_is_read(packed: Path) -> None:
 
 
 @pytest.mark.parametrize('tolerant', [False, True])
-def test_bytes_that_are_no_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: bool) -> None:
+def test_bytes_that_are_not_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: bool) -> None:
     file = packed / 'run_0.mcap.zstd'
     content = bytearray(file.read_bytes())
     content[4:40] = b'\xff' * 36
@@ -81,7 +81,7 @@ def test_bytes_that_are_no_zstd_or_no_mcap_are_rejected(packed: Path, tolerant: 
     with pytest.raises(BagError, match='cannot unpack .*run_0'):
         numbers(packed, tolerant=tolerant)
     file.write_bytes(zstandard.compress(b'something else'))
-    with pytest.raises(BagError, match="is no MCAP file: it starts with b'somethin'"):
+    with pytest.raises(BagError, match="is not an MCAP file: it starts with b'somethin'"):
         numbers(packed, tolerant=tolerant)
 
 

@@ -5,7 +5,7 @@
 The golden bags of bags/, replayed: the same centroids, the same stars, the same attitudes.
 
 Made by bags/make.py. A change of the algorithms that moves a figure beyond these tolerances on
-purpose makes the bags anew.
+purpose makes the bags again.
 """
 
 from collections import defaultdict

@@ -148,14 +148,14 @@ def test_the_rate_is_that_of_the_messages_and_not_of_the_span(tmp_path: Path) ->
         '/camera': pytest.approx(10.0), '/gyro': pytest.approx(100.0), '/end': 0.05}
 
 
-def test_what_is_no_bag(tmp_path: Path) -> None:
+def test_what_is_not_a_bag(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mcap').write_text('rosbag2_bagfile_information:')
     (tmp_path / 'nothing.mcap').touch()
     for name, reason in (('missing', 'cannot read .*missing: No such file'),
                          ('empty', 'empty holds no .mcap and no .db3 file'),
-                         ('text.mcap', "text.mcap is no MCAP file: it starts with b'rosbag2_'"),
-                         ('nothing.mcap', "nothing.mcap is no MCAP file: it starts with b''")):
+                         ('text.mcap', "text.mcap is not an MCAP file: .* b'rosbag2_'"),
+                         ('nothing.mcap', "nothing.mcap is not an MCAP file: .* b''")):
         for tolerant in (False, True):
             with pytest.raises(BagError, match=reason):
                 list(read_messages(tmp_path / name, tolerant=tolerant))
@@ -258,7 +258,7 @@ def test_what_cannot_be_decoded(samples: dict[str, bytes]) -> None:
     with pytest.raises(BagError, match='no_msgs/msg/Such is not installed'):
         decode('no_msgs/msg/Such', b'\x00\x01\x00\x00')
     for size in range(len(samples[TYPE])):
-        with pytest.raises(BagError, match=f'{size} bytes are no geometry_msgs'):
+        with pytest.raises(BagError, match=f'{size} bytes are not geometry_msgs'):
             decode(TYPE, samples[TYPE][:size])
 
 

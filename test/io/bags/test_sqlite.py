@@ -148,12 +148,12 @@ def test_damage_is_reported_after_what_is_intact(bag: Path) -> None:
 
 
 @pytest.mark.parametrize('script, words', [
-    ('CREATE TABLE other(id INTEGER)', 'is no bag: it has the tables other'),
+    ('CREATE TABLE other(id INTEGER)', 'is not a bag: it has the tables other'),
     ('CREATE TABLE topics(id INTEGER); CREATE TABLE messages(id INTEGER);'
      'INSERT INTO topics VALUES(1)', "is damaged: 'type'"),
     # The rows of a view would be computed by the file.
     ('CREATE TABLE messages(id INTEGER); CREATE VIEW topics AS SELECT 1 AS id',
-     'is no bag: it has the tables messages')])
+     'is not a bag: it has the tables messages')])
 def test_other_databases_are_rejected(tmp_path: Path, script: str, words: str) -> None:
     with sqlite3.connect(tmp_path / 'run.db3') as database:
         database.executescript(script)
@@ -163,7 +163,7 @@ def test_other_databases_are_rejected(tmp_path: Path, script: str, words: str) -
             numbers(tmp_path / 'run.db3', tolerant=tolerant)
 
 
-def test_a_message_that_is_none_is_damage(bag: Path) -> None:
+def test_a_message_that_is_invalid_is_damage(bag: Path) -> None:
     with sqlite3.connect(next(bag.glob('*.db3'))) as database:
         database.execute("UPDATE messages SET data = 'text' WHERE id = 20")
     database.close()

@@ -74,12 +74,12 @@ def test_the_rotation_is_that_of_42_within_a_step():
     assert np.abs(cosines_of_42(numbers) - ours).max() > 0.5
 
 
-def test_an_untrusted_attitude_is_no_rotation():
+def test_an_untrusted_attitude_is_not_a_rotation():
     quaternion, valid = nos3.decode(nos3.encode(FrameReport(0)))
     assert not valid
     assert not quaternion.any()
     for wrong in (np.zeros(4), np.full(4, np.nan), np.array([0, 0, 0, 2.0])):
-        with pytest.raises(TelemetryError, match='is no rotation'):
+        with pytest.raises(TelemetryError, match='is not a rotation'):
             FrameReport(0, wrong)
 
 
@@ -89,6 +89,6 @@ def test_an_untrusted_attitude_is_no_rotation():
     ('DEAF 8000 FFFF 0001 C000 01 BEEF', 'header 0xdeaf'),
     ('DEAD 8000 FFFF 0001 C000 01 BEEE', 'trailer 0xbeee'),
     ('DEAD 8000 FFFF 0001 C000 02 BEEF', 'valid flag 2')])
-def test_what_is_no_packet_is_named(packet, words):
+def test_what_is_not_a_packet_is_named(packet, words):
     with pytest.raises(TelemetryError, match=words):
         nos3.decode(bytes.fromhex(packet))

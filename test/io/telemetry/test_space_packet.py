@@ -128,7 +128,7 @@ def test_damage_is_named(packet):
 @pytest.mark.parametrize(('begin', 'data', 'words'), [
     (6, b'\x41', 'time code 0x41'), (9, b'\x05\x26\x60\xe8', '86401256 ms'),
     (13, b'\x3b\x9a\xca\x00', '1000000000 ps'), (17, b'\x83', 'tracker state 3'),
-    (20, bytes(32), 'is no rotation')])
+    (20, bytes(32), 'is not a rotation')])
 def test_what_is_wrong_in_spite_of_its_checksum_is_named(packet, begin, data, words):
     wrong = bytearray(packet)
     wrong[begin:begin + len(data)] = data

@@ -34,7 +34,7 @@ def centre_of_light(image):
 @settings(max_examples=20)
 def test_centroid_is_the_pixel_of_the_star(u, v, sigma_px):
     # Below 0.7 px the pixels sample the star too coarsely for a centre of light to be true:
-    # it errs by exp(-2 pi^2 sigma^2) / pi px, on a real sensor just as here.
+    # its error is exp(-2 pi^2 sigma^2) / pi px, on a real sensor just as here.
     image = draw(replace(EXACT, psf_sigma_px=sigma_px), (u, v), 3.0).astype(float)
     assert np.abs(centre_of_light(image) - (u, v)).max() < 1e-3
 

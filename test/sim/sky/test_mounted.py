@@ -50,7 +50,7 @@ def test_the_mount_bends_with_the_temperature_about_body_axes():
                                motion.at(40.0).rate_rad_s, atol=1e-10)
 
 
-def test_a_mount_that_is_no_rotation_is_rejected():
+def test_a_mount_that_is_not_a_rotation_is_rejected():
     with pytest.raises(ValueError, match='of norm 2.0000, a rotation has norm 1'):
         HeadOptions(mount_quaternion=(1.0, 1.0, 1.0, 1.0))
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A motion given by samples: between them, beyond them, and samples that are no motion."""
+"""A motion given by samples: between them, beyond them, and samples that are not a motion."""
 
 import numpy as np
 import pytest

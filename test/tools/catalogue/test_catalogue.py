@@ -122,7 +122,7 @@ def test_the_simulated_sky_is_denser_towards_the_milky_way():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('near', [True, False], ids=['near', 'blind'])
-def test_random_spots_are_no_field(catalogue, near):
+def test_random_spots_are_not_a_field(catalogue, near):
     identifier, rng = TiledIdentifier(catalogue, YEAR), np.random.default_rng(3)
     place = Place.near(RA_DEG, DEC_DEG, 5.0) if near else None
     for _ in range(6):
@@ -130,7 +130,7 @@ def test_random_spots_are_no_field(catalogue, near):
         assert solve_list(identifier, random_spots(rng), fields, place) is None
 
 
-def test_a_mirrored_field_is_no_field(catalogue, monkeypatch):
+def test_a_mirrored_field_is_not_a_field(catalogue, monkeypatch):
     monkeypatch.setattr(own_catalogue, 'random_attitude', inside)
     identifier = TiledIdentifier(catalogue, YEAR)
     centroids, _ = image_of_sky(catalogue, 0.6, np.random.default_rng(3))
@@ -259,7 +259,7 @@ def test_a_file_of_another_kind_is_named(tmp_path, content, words):
     assert len(result.stderr.splitlines()) == 1 and not (tmp_path / 'out').exists()
 
 
-def test_an_image_is_no_table(tmp_path):
+def test_an_image_is_not_a_table(tmp_path):
     path = tmp_path / 'image.fits'
     fits.PrimaryHDU(np.zeros((4, 4))).writeto(path)
     result = invoke('catalogue', str(path), '--output', str(tmp_path / 'out'))

@@ -163,7 +163,7 @@ def test_a_figure_at_several_rates_is_one_line():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('psf: 1', 'psf is no option of the detector'), ('[1, 2]', 'no options of the detector'),
+    ('psf: 1', 'psf is not an option of the detector'), ('[1, 2]', 'no options of the detector'),
     ('psf_sigma_px: 100', 'out of range'), ('{', 'no YAML'), ('exposure_s: no', 'must be float')])
 def test_wrong_optics_are_named(tmp_path, text, words):
     file = tmp_path / 'optics.yaml'

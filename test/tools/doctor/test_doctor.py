@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Each check tells a sound machine from one to mend, and says how."""
+"""Each check tells a sound machine from one to fix, and says how."""
 
 from dataclasses import replace
 import json
@@ -153,8 +153,8 @@ def test_caches(tmp_path):
     (tmp_path / 'file').touch()
     assert install.check_cache(tmp_path / 'made' / 'later').holds
     assert not install.check_cache(tmp_path / 'file' / 'below').holds
-    assert 'GB free' in install.check_room(tmp_path).result
-    assert not install.check_room(tmp_path / 'file').holds
+    assert 'GB free' in install.check_disk(tmp_path).result
+    assert not install.check_disk(tmp_path / 'file').holds
 
 
 @pytest.mark.parametrize('changed, trouble', [
@@ -180,7 +180,7 @@ def heard_images(**changes):
 @pytest.mark.parametrize('changes, trouble', [
     ({}, ''),
     ({'count': 0}, ''),
-    ({'encoding': '32FC1', 'error': "image encoding '32FC1' is none of mono8"}, ': encoding'),
+    ({'encoding': '32FC1', 'error': "image encoding '32FC1' is not one of mono8"}, ': encoding'),
     ({'width': 512}, ': size'),
     ({'frame_id': 'camera'}, ': frame_id'),
     ({'best_effort': True}, ': reliability'),
@@ -213,7 +213,7 @@ def test_camera_info_without_a_camera(heard, trouble):
     assert check.check == trouble and not check.holds and check.mend
 
 
-def test_camera_file_that_is_none_is_one_row(tmp_path):
+def test_camera_file_that_is_invalid_is_one_row(tmp_path):
     (tmp_path / 'camera.yaml').write_text('nothing')
     check, = camera.check_camera(tmp_path / 'camera.yaml', 0.0)
     assert not check.holds and 'camera.yaml' in check.result

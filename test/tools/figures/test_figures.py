@@ -113,7 +113,7 @@ def test_wrong_attitudes_exceed_the_bound_of_their_covariance():
 def test_wrong_attitudes_are_gross_beyond_60_arcsec_of_the_axis_that_is_wrong():
     sigma_rad = 10 * ARCSEC * np.array([1.0, 2.0, 10.0])
     assert verdict(off(55 * ARCSEC, 0, 0), np.diag(sigma_rad ** 2), TRUTH) == (1, 0)
-    # The third is within its sigma about z, the last is no attitude.
+    # The third is within its sigma about z, the last is not an attitude.
     errors = ARCSEC * np.array([[55, 0, 0], [-61, 0, 0], [55, 0, 400], [0, 0, 501], [9, 9, 9]])
     assert count_wrong(np.vstack([errors, np.full(3, np.nan)]), sigma_rad) == (4, 2)
     assert count_wrong(errors[None], sigma_rad) == (4, 2)

@@ -27,7 +27,7 @@ def test_the_noise_of_a_drifting_series(drift):
     assert FEWEST <= covered(of, 3.0) <= MOST
 
 
-def test_neighbours_over_a_gap_are_no_noise():
+def test_neighbours_over_a_gap_are_not_noise():
     values = np.r_[np.zeros(20), np.full(20, 1e3)][:, None]
     joined = np.ones(39, bool)
     joined[19] = False

@@ -176,12 +176,12 @@ class Anywhere:
 
 
 @pytest.mark.parametrize('frames, text', ((10, 'at least 20'), (24, 'that stands still')))
-def test_images_that_are_no_night_are_refused(frames, text):
+def test_images_that_are_not_a_night_are_refused(frames, text):
     with pytest.raises(NightError, match=text):
         measure(images(Anywhere(), frames=frames), CAMERA, AIRLESS, tracking=False)
 
 
-def test_a_mount_that_turns_is_no_tripod():
+def test_a_mount_that_turns_is_not_a_tripod():
     with pytest.raises(NightError, match='360 arcsec/s on the Earth: --tracking'):
         measure(images(MOUNT, frames=24, step_s=2.0), CAMERA, AIRLESS, tracking=False)
 

@@ -83,7 +83,7 @@ def test_frames_of_a_video_follow_from_the_start(tmp_path):
     assert stamps(path, 2026.5, 4.0) == [begin_ns + 4_000_000_000 * number for number in range(3)]
 
 
-def test_images_are_no_bag(dated):
+def test_images_are_not_a_bag(dated):
     assert not is_bag(dated) and not is_bag(dated / '0.fits')
     (dated / 'metadata.yaml').write_text('')
     assert is_bag(dated) and is_bag(dated / 'x.mcap')

@@ -71,7 +71,7 @@ def test_the_size_of_a_pattern_is_within_its_interval(chosen, columns, size_px):
     assert np.mean(excess) < 3 * np.std(excess, ddof=1) / trials ** 0.5
 
 
-def test_a_turn_is_no_pattern():
+def test_a_turn_is_not_a_pattern():
     stars = night(np.random.default_rng(3))
     turn = np.random.default_rng(4).normal(0, 1e-4, (FRAMES, 3))
     shift = np.einsum('nki,ni->nk', stars.jacobian, turn[stars.frame])[..., None]

@@ -124,7 +124,7 @@ def test_a_loss_of_lock_begins_a_segment_whatever_tells_of_it(
     np.testing.assert_array_equal(lock_segments(recording), [0] * 28 + [1] * 27)
 
 
-def test_lost_messages_are_no_loss_of_lock(tmp_path: Path) -> None:
+def test_lost_messages_are_not_a_loss_of_lock(tmp_path: Path) -> None:
     rows = []
     for frame in (0, 1, 2, 5, 6, 7, 12, 13):
         header = make_header(START_NS + frame * STEP_NS, 'icrf')

@@ -291,7 +291,7 @@ def test_a_slew_over_the_sky_is_drawn_on_a_map_of_all_of_it(page: Page, tmp_path
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return a message cut off, with other bytes, or with numbers that are none."""
+    """Return a message cut off, with other bytes, or with invalid numbers."""
     changed, kind = bytearray(data), rng.integers(0, 8)
     if kind == 0:
         return data[:rng.integers(0, len(data) + 1)]
@@ -334,7 +334,7 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
     assert (tmp_path / 'report.html').read_text().startswith('<!DOCTYPE html>')
     for arguments, words in (([str(tmp_path / 'none')], 'none: No such file or directory'),
                              ([str(run), '-o', str(tmp_path / 'a' / 'b')], 'No such file'),
-                             ([__file__], 'no MCAP file')):
+                             ([__file__], 'not an MCAP file')):
         done = call(*arguments)
         assert done.exit_code == 1 and isinstance(done.exception, SystemExit)
         assert words in done.stderr

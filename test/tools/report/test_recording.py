@@ -238,9 +238,9 @@ def test_what_is_whole_of_a_cut_bag_is_read(run: Path, tmp_path: Path) -> None:
     recording = load_recording(cut)
     assert not recording.complete
     assert 'was not finished' in recording.problems[0]
-    for content, words in ((b'', 'no MCAP file'), (b'PK\3\4' + bytes(100), 'no MCAP file')):
+    for content in b'', b'PK\3\4' + bytes(100):
         cut.write_bytes(content)
-        with pytest.raises(BagError, match=words):
+        with pytest.raises(BagError, match='not an MCAP file'):
             load_recording(cut)
 
 

@@ -116,11 +116,11 @@ def settings(value: Any, kind: Any) -> Any:
             return kind(**{name: settings(each, kinds[name]) for name, each in named.items()})
     elif kind is float and type(value) in (int, float) or type(value) is kind:
         return value
-    raise ValueError(f'{value!r} is no {kind}')
+    raise ValueError(f'{value!r} is not {kind}')
 
 
 def holds(whole: Any, part: Any) -> bool:
-    """Return whether JSON holds a part of it, beside other keys."""
+    """Return whether JSON holds a part of it, in addition to other keys."""
     if isinstance(part, dict):
         return all(key in whole and holds(whole[key], value) for key, value in part.items())
     return whole == part

@@ -67,7 +67,7 @@ def test_a_url_without_a_bag_is_named(memory, url):
         find_bags([url])
 
 
-def test_a_store_that_fails_is_no_damage(memory, reprocess, tmp_path, monkeypatch):
+def test_a_store_that_fails_is_not_damage(memory, reprocess, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise TimeoutError('no answer')
     bag, _ = find_bags(['memory://flight'])
@@ -80,7 +80,7 @@ def test_a_store_that_fails_is_no_damage(memory, reprocess, tmp_path, monkeypatc
         reprocess(['memory://flight'], tmp_path)
 
 
-def test_a_file_that_is_another_one_by_now_is_no_damage(memory):
+def test_a_file_that_is_another_one_by_now_is_not_damage(memory):
     bag, _ = find_bags(['memory://flight'])
     memory.pipe(f'/flight/{bag.name}/{bag.name}_0.mcap', b'short')
     with pytest.raises(StoreError, match='not the file that was listed'):

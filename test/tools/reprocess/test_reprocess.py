@@ -206,7 +206,7 @@ def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reproc
     assert 'two cameras' in reasons['two_cameras']
     assert 'cloud has no field' in reasons['jitter']
     assert '/camera_info: focal length (0.0' in reasons['uncalibrated']
-    assert 'no MCAP file' in reasons['zero'] and 'no MCAP file' in reasons['text']
+    assert 'not an MCAP file' in reasons['zero'] and 'not an MCAP file' in reasons['text']
     assert sum(row['frames'] for row in result.records) == 130
 
 
@@ -271,7 +271,7 @@ def test_runs_are_compared(finished_run, copied_run):
     same, = compare(finished_run[0], copied_run).records
     assert same['common'] == 130 and same['first_divergent'] == ''
     assert same['identical'] == 128 and same['largest_arcsec'] == 0
-    with pytest.raises(BagError, match='no finished run'):
+    with pytest.raises(BagError, match='not a finished run'):
         compare(finished_run[0], copied_run / 'tables')
 
 
@@ -360,7 +360,7 @@ def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
     # Three minutes: no empty axes of years.
     assert 'head_1 focal length: too little data, 2 bins of a minute' in page
     assert len(page) < 1_000_000 and '<script' not in page and 'data:image/svg+xml' in page
-    with pytest.raises(BagError, match='no finished run'):
+    with pytest.raises(BagError, match='not a finished run'):
         trend(tmp_path, tmp_path / 'trend.html', 5800.0)
 
 

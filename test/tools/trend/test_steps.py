@@ -36,7 +36,7 @@ def test_two_steps_are_found_over_a_gap():
         assert abs(step.size[column] - size) < 4 * step.sigma[column]
 
 
-def test_noise_that_is_not_white_is_no_step():
+def test_noise_that_is_not_white_is_not_a_step():
     stamps, values = series(6)
     values += np.cumsum(np.random.default_rng(4).normal(0, 0.01, values.shape), axis=0)
     assert find_steps(stamps, values, ORBIT_S).steps == []

@@ -61,7 +61,7 @@ _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
 
 
 @dataclass(frozen=True)
-class LearntLens:
+class EstimatedLens:
     """
     A fitted camera and its attitude.
 
@@ -84,7 +84,7 @@ class LearntLens:
         return int(np.count_nonzero(self.star >= 0))
 
 
-def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
+def estimate_lens(attempt: Attempt, focal_error: float) -> EstimatedLens:
     """
     Return the lens and the attitude that fit an identified image.
 
@@ -119,10 +119,10 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
                 fit = image.centred(fit, lens['camera'], free)
         camera = camera_of(fit.lens, start.distortion_model)
     except CameraError as error:
-        return LearntLens(start, identification.attitude, 1.0, star,
+        return EstimatedLens(start, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
     residual = image.residuals(fit, camera)
-    return LearntLens(camera, _attitude(fit, residual, centroids), camera.fx / nominal.fx,
+    return EstimatedLens(camera, _attitude(fit, residual, centroids), camera.fx / nominal.fx,
                       fit.star, np.hypot(*residual.T), fit.error_px,
                       _reason(fit, camera, nominal, focal_error, first, image.possible(fit)))
 
