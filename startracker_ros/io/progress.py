@@ -16,7 +16,7 @@ _printed = True
 
 
 def print_lines(printed: bool) -> None:
-    """Set whether there are lines: beside a document for programs there are none."""
+    """Set whether there are lines: next to a document for programs there are none."""
     global _printed
     _printed = printed
 

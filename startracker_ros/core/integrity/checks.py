@@ -253,7 +253,7 @@ MISSING_STARS = Check(
     'MISSING_STARS',
     'share of expected stars that are missing, and centroids without a star for each of these',
     'no attitude', 'only {seen} of {stars} stars that should be seen are, and {free} '
-    'centroids are no star')
+    'centroids are not stars')
 
 # --- what is published ---
 FEW_STARS = Check(

@@ -106,9 +106,9 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
               metavar='DEVICE',
               help='Camera of Video4Linux, or a video, or a folder or pattern of images.')
 @click.option('--camera', 'camera_file', type=InputPath(), metavar='FILE',
-              help='Camera YAML.  [default: learnt from the first image that is solved]')
+              help='Camera YAML.  [default: estimated from the first image that is solved]')
 @click.option('--fov-deg', type=FOV_DEG, metavar='DEG',
-              help='Horizontal field of view to 5 %, to learn the lens sooner.')
+              help='Horizontal field of view to 5 %, to find the lens sooner.')
 @click.option('--exposure-ms', type=click.FloatRange(0, 600_000), default=0.0, metavar='MS',
               help='Exposure time.  [default: as the camera has it]')
 @click.option('--gain', type=click.FloatRange(-1, 1e6), default=-1.0, metavar='GAIN',

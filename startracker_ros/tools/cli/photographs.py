@@ -124,7 +124,7 @@ Examples:
               help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
               'instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5), metavar='PERCENT',
-              help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
+              help='Largest error of the field of view.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
 @click.option('--catalogue', type=InputPath(file_okay=False), metavar='FOLDER',
               help='Folder that `startracker catalogue` has written: images of '

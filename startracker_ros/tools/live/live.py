@@ -197,7 +197,7 @@ class LiveRig(Rig):
 
     @property
     def problem(self) -> str:
-        """Return that the images are no sequence: they are identified, each elsewhere; or ''."""
+        """Return that the images are not a sequence: they are identified, each elsewhere; or ''."""
         if self._jumps <= self.counts['frames_tracking']:
             return ''
         return f'the images are not one sequence: {self._jump}; {_SOLVE}'
