@@ -178,6 +178,9 @@ def test_the_listing_in_cpp_is_the_example():
 @pytest.mark.parametrize('document, name, arguments', [
     ('README.md', 'solve_image', ['test/data/night-sky-11deg/'
                                   '2019-07-29T204726_Alt40_Azi-135_Try1.png', '11.4', '2019.57']),
+    ('docs/index.md', 'solve_image', ['test/data/night-sky-11deg/'
+                                      '2019-07-29T204726_Alt40_Azi-135_Try1.png', '11.4',
+                                      '2019.57']),
     ('docs/library.md', 'track_sequence', []),
     ('docs/library.md', 'own_method', []),
     ('docs/library.md', 'evaluate_images', ['test/data/night-sky-6deg'])])
