@@ -103,7 +103,7 @@ NOT_RUN = pytest.StashKey[str]()
 
 # By the fixture that needs it: whether it is there, and how to get it.
 NEEDS = {
-    'site': (lambda: (SITE / 'index.html').exists(), 'of the site, which need it built: make docs'),
+    'site': (lambda: (SITE / 'index.html').exists(), 'of the built site: make docs'),
     'page': (lambda: find_chromium() is not None,
              'of pages, which need Chromium: apt-get install chromium'),
     'basilisk': (lambda: find_spec('Basilisk') is not None,
