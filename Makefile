@@ -80,9 +80,12 @@ test-ros:
 lint: $(VENV)/package $(VENV)/tests
 	@$(PYTEST) test/package/test_lint.py
 
-# The documents and the reference of the library as a site: build/site/index.html. A warning fails.
-docs: $(VENV)/package $(VENV)/docs
-	$(RUN) -m sphinx -q -W --keep-going -E -b html docs build/site
+# The documents and the reference of the library as a site: build/site/index.html. A warning fails, a
+# dead link, and what is wider than its column on a phone or a screen.
+docs: $(VENV)/package $(VENV)/docs $(VENV)/tests
+	@rm -rf build/site
+	$(RUN) -m sphinx -q -W --keep-going -E -b html -d build/doctrees docs build/site
+	@$(PYTEST) test/docs
 
 # More cases and larger sizes of what `make test` covers, and installs: before a release.
 test-long: $(VENV)/package $(VENV)/tests $(VENV)/gnc $(VENV)/s3

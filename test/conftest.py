@@ -27,6 +27,7 @@ from hypothesis import settings  # noqa: E402
 import pytest  # noqa: E402
 
 ROOT = Path(__file__).parent
+SITE = ROOT.parent / 'build' / 'site'
 # By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
 # some, slow takes seconds of a processor. A test of the core may be marked as slow, too. What is
 # marked as long is not part of `make test`.
@@ -34,6 +35,7 @@ KINDS = {
     '': 'core',
     'io/bags/test_damage.py': 'slow',
     'native/test_native_cmake.py': 'slow',
+    'docs': 'long',
     'evaluation/bench': 'slow',
     'evaluation/campaign': 'slow',
     'tools/datasheet/test_datasheet.py': 'slow',
@@ -101,6 +103,7 @@ NOT_RUN = pytest.StashKey[str]()
 
 # By the fixture that needs it: whether it is there, and how to get it.
 NEEDS = {
+    'site': (lambda: (SITE / 'index.html').exists(), 'of the built site: make docs'),
     'page': (lambda: find_chromium() is not None,
              'of pages, which need Chromium: apt-get install chromium'),
     'basilisk': (lambda: find_spec('Basilisk') is not None,
@@ -120,6 +123,12 @@ settings.load_profile('startracker')
 def sky_data() -> Path:
     """Return the folder of real star images with known attitudes."""
     return ROOT / 'data'
+
+
+@pytest.fixture(scope='session')
+def site() -> Path:
+    """Return the folder of the built site; tests that use it do not run where there is none."""
+    return SITE
 
 
 @pytest.fixture(scope='session')

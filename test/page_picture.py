@@ -4,7 +4,7 @@
 """
 The picture of a page, as docs/gallery.md has them: python test/page_picture.py PAGE PNG [HEIGHT].
 
-PAGE is a file or an address; the picture shows it in a window 900 px wide.
+PAGE is a file or an address; the picture shows it in a window 900 px wide, and keeps its text.
 """
 
 from pathlib import Path
@@ -12,6 +12,8 @@ import sys
 import time
 
 from browser import browser_page
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 WIDTH_PX, HEIGHT_PX, SETTLED_S = 900, 1000, 3.0
 
@@ -24,6 +26,11 @@ def main(name: str, picture: str, height: str = str(HEIGHT_PX)) -> None:
         # The live page asks for its first state.
         time.sleep(SETTLED_S)
         page.screenshot(Path(picture))
+        # What tests compare with the results.
+        kept = PngInfo()
+        kept.add_itxt('text', page.evaluate('document.body.innerText'), zip=True)
+        with Image.open(picture) as image:
+            image.save(picture, pnginfo=kept, optimize=True)
 
 
 if __name__ == '__main__':

@@ -185,15 +185,17 @@ def test_the_listing_in_cpp_is_the_example():
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 
 
-def test_the_example_of_the_library_prints_what_the_readme_says(sky_data, monkeypatch, capsys):
+@pytest.mark.parametrize('document', ['README.md', 'docs/index.md'])
+def test_the_example_of_the_library_prints_what_the_document_says(
+        document, sky_data, monkeypatch, capsys):
     path = ROOT / 'docs' / 'examples' / 'solve_image.py'
     listing = path.read_text().split('"""', 2)[2].strip()
     image, *others = re.search(r'`python docs/examples/solve_image.py test/data/([^`]*)`',
                                DOCUMENTS['README.md'])[1].split()
     monkeypatch.setattr('sys.argv', [str(path), str(sky_data / image), *others])
     runpy.run_path(str(path))
-    assert f'```python\n{listing}\n```' in DOCUMENTS['README.md']
-    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS['README.md']
+    assert f'```python\n{listing}\n```' in DOCUMENTS[document]
+    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
 
 
 def test_examples_use_public_names():

@@ -117,9 +117,9 @@ def draw(path: Path, history: History, title: str) -> None:
     with picture(path, 11, 130, title=title) as figure:
         pointing, rate, torque, hold = axes = figure.subplots(4, 1, sharex=True)
         time_s = history.time_s
-        for index, name in enumerate('xyz'):
-            pointing.semilogy(time_s, np.abs(history.pointing_arcsec[:, index]),
-                              label=f'sensor {name}', linewidth=0.8)
+        x, y, z = history.pointing_arcsec.T
+        for name, error in (('cross boresight', np.hypot(x, y)), ('roll', np.abs(z))):
+            pointing.semilogy(time_s, error, label=name, linewidth=0.8)
         knowledge = np.hypot(history.knowledge_arcsec[:, 0], history.knowledge_arcsec[:, 1])
         pointing.semilogy(time_s, knowledge, color='black', linewidth=0.5, alpha=0.6,
                           label='error of the estimated boresight')

@@ -270,20 +270,28 @@ class HeadsHistory:
         title = 'three heads, one attitude: each blinded in turn by Moon, Sun and Earth'
         with picture(path, 13, 130, title=title) as figure:
             grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
-            first, *_ = draw_errors(
+            first, *_, last = draw_errors(
                 [grid[row] for row in range(3)], self._since_s(stamps), error, sigma,
                 ('x, cross', 'y, cross', 'z, roll'), 'arcsec',
                 'error of the fused attitude about the axes of the first head')
-            self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
-            for row, label in enumerate('xyz'):
-                axis = figure.add_subplot(grid[4 + row], sharex=first)
+            middle = figure.add_subplot(grid[3], sharex=first)
+            self._draw_heads(middle, heads)
+            mounts = [figure.add_subplot(grid[4 + row], sharex=first) for row in range(3)]
+            for row, (axis, label) in enumerate(zip(mounts, 'xyz')):
                 for colour, (name, series) in zip(('C1', 'C2'), heads.mounts.items()):
                     draw_error(axis, self._since_s(series.stamp_ns),
                                series.error_arcsec()[:, row], series.sigma_arcsec()[:, row],
                                label=name, band='', style='-', colour=colour)
-                axis.set_ylabel(f'mount, {label}\n[arcsec]')
-            axis.legend(loc='upper right', ncols=2)
-            axis.set_xlabel('time [s]')
+                # The bounds of the first seconds may leave the panel.
+                limit = max(max(1.1 * np.abs(series.error_arcsec()[:, row]).max(),
+                                4.5 * np.median(series.sigma_arcsec()[:, row]))
+                            for series in heads.mounts.values())
+                axis.set(ylabel=f'mount, {label}\n[arcsec]', ylim=(-limit, limit))
+            for axis in (last, middle, *mounts[:-1]):
+                axis.tick_params(labelbottom=False)
+            mounts[0].legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=2, frameon=False,
+                             borderaxespad=0.2)
+            mounts[-1].set_xlabel('time [s]')
 
     def _draw_heads(self, axis: Any, heads: HeadsRecording) -> None:
         """Draw a bar for each head: its frames with attitude, in use by the fusion, the bodies."""
@@ -306,7 +314,7 @@ class HeadsHistory:
                     axis.text(begin_s, row + 0.22, blinding.body, fontsize=9)
         axis.set_yticks(range(len(MOUNTS)), MOUNTS)
         axis.set_title('green: in use by the fusion; olive: attitude of the head; above: bodies '
-                       'within their exclusion angles')
+                       'within their exclusion angles', loc='left')
 
     def _since_s(self, stamp_ns: np.ndarray) -> np.ndarray:
         return (stamp_ns - self.stamp_ns[0]) * 1e-9

@@ -129,8 +129,10 @@ def draw_errors(places: Sequence[Any], time_s: np.ndarray, error: np.ndarray, si
             limit = max(4.5 * np.nanmedian(sigmas), 1.1 * np.abs(values).max())
             axes.set_ylim(-limit, limit)
         drawn.append(axes)
-    drawn[0].set_title(title)
-    drawn[0].legend(loc='upper right', ncols=2)
+    for axes in drawn[:-1]:
+        axes.tick_params(labelbottom=False)
+    # A legend would lie over the errors.
+    drawn[0].set_title(f'{title}; band: 3 sigma', loc='left')
     return drawn
 
 

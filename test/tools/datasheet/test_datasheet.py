@@ -5,10 +5,12 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
 
 from browser import assert_readable
 from commands import invoke
 import numpy as np
+from PIL import Image
 import pytest
 from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
@@ -207,3 +209,18 @@ def test_an_impossible_design_is_named(arguments, words, monkeypatch):
     result = invoke('design', *arguments.split())
     assert result.exit_code == 2, result.output
     assert words in ' '.join(result.stderr.split()), result.stderr
+
+
+def test_the_picture_of_the_documents_is_of_the_result():
+    docs = Path(__file__).parents[3] / 'docs'
+    with Image.open(docs / 'pictures' / 'datasheet.png') as picture:
+        text = picture.text['text']
+    rows = json.loads((docs / 'results' / 'datasheet.json').read_text())['rows']
+    for case in ('bias', 'field-of-view spatial error', 'pixel spatial error', 'temporal noise'):
+        for axis in ('cross boresight', 'about boresight'):
+            _, _, cells = text.partition(f'\n{case}, {axis}\tarcsec\t')
+            ours = [row['ours'] for row in rows if row['case'].startswith(f'{case}, ')
+                    and row['case'].endswith(axis)]
+            # Three digits are shown; the last one differs between processors.
+            assert [float(cell.split()[0]) for cell in cells.split('\t')[:len(ours)]] == (
+                pytest.approx(ours, rel=0.01))

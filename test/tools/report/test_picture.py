@@ -13,7 +13,6 @@ from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.tools.report.chart import draw_error
 from startracker_ros.tools.report.summary import draw_run
 from startracker_ros.tools.report.target import draw_target, TargetRecording
-from startracker_ros.tools.report.viewer_picture import draw_viewer
 
 BAG = Path(__file__).parents[3] / 'bags' / 'slew'
 IMAGE = np.zeros((1024, 1024), np.uint8)
@@ -43,7 +42,7 @@ def located():
     lambda: draw_run(Path('demo.png'), load_recording(BAG), IMAGE, UV, HIP, 'star tracker demo'),
     lambda: draw_target(Path('two.png'), located(), {
         name: (IMAGE, UV, HIP, np.array([500.0, 500.0])) for name in ('tracker_1', 'tracker_2')}),
-    lambda: draw_viewer(BAG, Path('viewer.png'))], ids=['run', 'target', 'viewer'])
+], ids=['run', 'target'])
 def test_texts_are_legible_at_the_width_of_a_page(drawn, draw):
     draw()
     figure, = drawn

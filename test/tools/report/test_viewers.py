@@ -23,7 +23,6 @@ from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DT
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import centroids_to_image_marker
 from startracker_ros.ros.messages.message_types import message_class
-from startracker_ros.tools.report.viewer_picture import draw_viewer
 from visualization_msgs.msg import ImageMarker
 import yaml
 
@@ -218,12 +217,3 @@ def test_marks_stand_beside_the_centroids() -> None:
     assert np.all(points[:, 1, :, 1] - uv[:, 1:] >= 6)
     none = deserialize_message(centroids_to_image_marker(np.empty((0, 2)), header), ImageMarker)
     assert none.points == [] and none.outline_color.g == 0.75
-
-
-@pytest.mark.slow
-def test_the_picture_is_drawn_from_a_bag(run: Path, tmp_path: Path) -> None:
-    draw_viewer(run, tmp_path / 'viewer.png')
-    assert (tmp_path / 'viewer.png').read_bytes().startswith(b'\x89PNG')
-    bare = write_run(tmp_path / 'bare', leave_out=('image_raw',))
-    with pytest.raises(ValueError, match='no frame with image'):
-        draw_viewer(bare, tmp_path / 'none.png')
