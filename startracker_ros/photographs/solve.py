@@ -316,7 +316,7 @@ class Solvers:
             solution, more_ms = self._solve(path, photograph, when, observer, bodies, place)
             solution, time_ms = replace(solution, turned_over=True), time_ms + more_ms
         elif not solution.solved:
-            # Sharp stars of compressed images look like such clusters: these are not the first choice.
+            # Sharp stars of compressed images look like such clusters: not the first choice.
             clean = without_clusters(photograph.image)
             if clean is not photograph.image:
                 cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,

@@ -66,7 +66,8 @@ _campaign('two-satellite', 'campaign.two_satellite:run_two_satellite_campaign',
           picture_option('the errors'))
 _campaign('integrity', 'campaign.integrity:run_integrity_campaign',
           'Wrong attitudes counted in slews, darkness, false stars, wrong gyros, artefacts.',
-          trials_option(15, 'Runs of 100 images in each condition; five or seven times as many of lists.'),
+          trials_option(15, 'Runs of 100 images in each condition; five or seven times as many '
+                        'of lists.'),
           only_option('Conditions'), scheduler_option, known='ALL_CONDITIONS', kind='condition')
 _campaign('protection', 'campaign.protection:run_protection_campaign',
           'Exceed the protection level of an attitude, by importance sampling.',

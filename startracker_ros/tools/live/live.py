@@ -48,8 +48,8 @@ from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
-from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.solution import Solution
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
@@ -197,7 +197,7 @@ class LiveRig(Rig):
 
     @property
     def problem(self) -> str:
-        """Return that the images are not a sequence: they are identified, each elsewhere; or ''."""
+        """Return that the images are not one sequence, each identified elsewhere; or ''."""
         if self._jumps <= self.counts['frames_tracking']:
             return ''
         return f'the images are not one sequence: {self._jump}; {_SOLVE}'

@@ -22,8 +22,8 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.table import Result, show
-from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.picture import annotated
 from startracker_ros.photographs.sky_marks import compass
 from startracker_ros.photographs.solve import Outputs, solve_files
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions

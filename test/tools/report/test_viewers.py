@@ -18,7 +18,6 @@ from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
-from run_bag import write_run
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import centroids_to_image_marker
