@@ -16,7 +16,7 @@ from startracker_ros.tools.cli.shared import (
 
 @click.group(cls=Commands)
 def bench() -> None:
-    """Measure speed and accuracy compared with peers and physical bounds."""
+    """Measure speed and accuracy against peers and physical bounds."""
 
 
 _bench = partial(measurement, bench)

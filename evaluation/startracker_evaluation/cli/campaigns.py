@@ -16,7 +16,7 @@ from startracker_ros.tools.cli.shared import (
 
 @click.group(cls=Commands)
 def campaign() -> None:
-    """Repeat the published tables, the paper's figure compared with ours."""
+    """Repeat the published tables: the paper's figure, and ours."""
 
 
 @campaign.command('papers')
