@@ -92,6 +92,7 @@ def write_page(folder: Path) -> list[ClaimRow]:
                  for name in CAMPAIGNS if (path := folder / RESULTS / f'{name}.json').exists()}
     rows: list[ClaimRow] = []
     sections: list[str] = []
+    headlines: list[str] = []
     for paper in PAPERS:
         records = [row for name in paper.campaigns
                    for row in documents.get(name, {'rows': []})['rows']]
@@ -101,6 +102,8 @@ def write_page(folder: Path) -> list[ClaimRow]:
         states = [_state(paper, claim, records, sum(pictures.values(), []))
                   for claim in paper.claims]
         rows += states
+        if all(name in documents for name in paper.campaigns):
+            headlines += _headlines(paper, records)
         sections += [*_paper_section(paper, states),
                      *(line for name in paper.campaigns if name in documents
                        for line in _result_section(name, documents[name], pictures[name]))]
@@ -108,7 +111,9 @@ def write_page(folder: Path) -> list[ClaimRow]:
             'Written by `startracker campaign papers`, from the results in '
             f'[{RESULTS}]({RESULTS}): do not edit. Each campaign prints the figure of the paper, '
             "that of the paper's method in our implementation (as_published), and ours beyond it; "
-            'holds says whether the bound next to them does.', '', *_summary(rows), '']
+            'holds says whether the bound next to them does.', '',
+            '| paper | figure | published | ours, as published | verdict |', '|---|---|---|---|---|', *headlines, '',
+            *_summary(rows), '']
     (folder / PAGE).write_text('\n'.join([*head, *sections]).rstrip() + '\n')
     return rows
 
@@ -133,6 +138,20 @@ def _state(paper: Paper, claim: Claim, records: Sequence[dict], pictures: Sequen
     if few:
         return row('too few trials', f'in {few} of {len(found)} rows')
     return row(claim.state, claim.why, True)
+
+
+def _headlines(paper: Paper, records: Sequence[dict]) -> Iterator[str]:
+    """Yield a line for each main figure of a paper; a case without a row is a KeyError."""
+    by_case = {record['case']: record for record in records}
+    judged = [record for record in records if record['holds'] is not None]
+    verdict = f'{sum(record["holds"] for record in judged)} of {len(judged)} rows hold'
+    link = f'[{paper.name}](#{paper.name.lower().replace(" ", "-")})'
+    for case in paper.headlines:
+        row = by_case[case]
+        figures = [f'{value:.4g}' if isinstance(value, float) else str(value)
+                   for value in (row['paper'], row['as_published'])]
+        unit = f' ({row["unit"]})' if row['unit'] else ''
+        yield f'| {link} | {" | ".join(map(escaped, (case + unit, *figures, verdict)))} |'
 
 
 def _summary(rows: Sequence[ClaimRow]) -> Iterator[str]:

@@ -19,7 +19,7 @@ def record(case, holds, bound=''):
             'bound': bound, 'holds': holds, 'ours': 2.0}
 
 
-PAPER = Paper('A paper', 'Somebody', ('quad',), (
+PAPER = Paper('A paper', 'Somebody', ('quad',), ('first | row',), (
     Claim('table 1', 'a < b', '^first'), Claim('table 2', 'c', '^second'),
     Claim('table 3', 'd', '^third'), Claim('table 4', 'e', '^fourth'),
     Claim('table 5', 'f', '^fifth', state='better'), Claim('figure 1', 'g', picture='figure_1'),
@@ -65,6 +65,16 @@ def test_the_page_has_claims_rows_conditions_and_pictures(folder):
     assert '![figure 1 angles](pictures/papers/quad/figure_1_angles.png)' in page
     header = next(line for line in page.splitlines() if line.startswith('| case'))
     assert header == '| case | paper | as_published | beyond | unit | bound | holds |'
+
+
+def test_the_first_table_has_a_row_of_each_paper_with_the_figures_of_its_result(folder):
+    papers.write_page(folder)
+    page = (folder / papers.PAGE).read_text()
+    assert ('| [A paper](#a-paper) | first \\| row (px) | > 1 | 2 | 3 of 4 rows hold |'
+            in page.replace('&gt;', '>'))
+    (folder / papers.RESULTS / 'quad.json').write_text(json.dumps({'rows': ROWS[1:]}))
+    with pytest.raises(KeyError, match='first'):
+        papers.write_page(folder)
 
 
 def test_campaigns_that_are_not_run_keep_their_result(folder, monkeypatch):
