@@ -95,14 +95,14 @@ double sigmas_of(const Mode &mode, const Vector3 &noise_rad2, double interval_s,
                  const Vector3 &acceleration);
 
 /// Fill the modes before a prediction and return their weights: each is what the modes before,
-/// with weights mu, come to if it is the one that goes on. least are the least shares. No mode but
-/// the first has more than the largest acceleration of the jumps.
+/// with weights mu, come to if it is the one that goes on, in the next frame or in any after it. No
+/// mode but the first has more than the largest acceleration of the jumps.
 template <int MOST>
 Weights mix_modes(const MotionWith<MOST> &motion, const Weights &before,
-                  const Vector3 &acceleration, const Weights &least, ModeState<MOST> *modes) {
+                  const Vector3 &acceleration, bool in_next_frame, ModeState<MOST> *modes) {
     const double most =
         sigmas_of(MODE[MODES - 1], motion.noise_rad2, motion.interval_s, acceleration);
-    Weights share = motion.share + least, jumps{};
+    Weights share = motion.share + least_shares(in_next_frame), jumps{};
     for (int j = 0; j < MODES; ++j) {
         // Without a frequency it is the torque of the same size.
         if (MODE[j].kind == Kind::SWING && motion.swing.w2 == 0) {
@@ -113,8 +113,8 @@ Weights mix_modes(const MotionWith<MOST> &motion, const Weights &before,
         if (j > 0 && MODE[j].kind != Kind::JUMP && sigmas > most) {
             share[j] = 0.0;
         }
-        if ((SUDDEN >> j & 1U) != 0 && sigmas > WRONG_SIGMAS) {
-            jumps[j] = motion.share[j];
+        if (in_next_frame && (SUDDEN >> j & 1U) != 0 && sigmas > WRONG_SIGMAS) {
+            jumps[j] = std::fmin(motion.share[j], MODE[j].least_next);
         }
     }
     share = normalised(share);

@@ -197,7 +197,7 @@ Course course_of(const Motion &motion, const Vector3 &acceleration_rad_s2) {
     const double dt_s = motion.interval_s;
     const Weights own = by_experience(motion.weight, motion.share);
     ModeState<0> mixed[MODES];
-    const Weights next = mix_modes(motion, own, acceleration_rad_s2, least_shares(false), mixed);
+    const Weights next = mix_modes(motion, own, acceleration_rad_s2, false, mixed);
     const TurnAndRate now = ahead(motion, own, motion.mode, 0.0, acceleration_rad_s2);
     const double times_s[4] = {-2 * dt_s, -dt_s, dt_s, 2 * dt_s};
     TurnAndRate found[4];

@@ -207,8 +207,8 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
     const Swing &swing = before.swing;
     static_cast<MotionSummary<MOST> &>(after) = before;
     after.stamp_ns = to_ns;
-    const Weights weight = mix_modes(before, before.weight, noise.acceleration_rad_s2,
-                                     least_shares(true), after.mode);
+    const Weights weight =
+        mix_modes(before, before.weight, noise.acceleration_rad_s2, true, after.mode);
     Weights logs{};
     Quaternion attitude[MODES];
     for (int j = 0; j < MODES; ++j) {

@@ -198,7 +198,7 @@ def test_the_formula_is_that_of_liebe_and_has_a_best_exposure():
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    ('--qe 1.5', 'qe = 1.5 is out of range'),
+    ('--qe 1.5', "'--qe': 1.5 is not in the range"),
     ('--focal-mm 1 --pixel-um 50', 'above 85 deg to one side'),
     ('--focal-mm 60 --f-number 60', 'fewer than 4 stars in the field'),
     ('--width 16384 --pixel-um 0.5 --rate-deg-s 20', 'stars already move by more than 30 px'),
