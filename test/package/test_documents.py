@@ -35,7 +35,7 @@ from startracker_ros.tools.cli.outcome import Commands
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
              for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))}
-# Listings of the readme and the start page are files of docs/examples, which tests compare and run.
+# Listings of readme and start page are files of docs/examples, which tests compare and run.
 RUN_AS_A_WHOLE = [name for name, text in DOCUMENTS.items()
                   if name not in ('README.md', 'docs/index.md') and '```python' in text]
 # In a block or inline, behind a prompt or not, by the path of the venv or not.

@@ -112,8 +112,8 @@ def write_page(folder: Path) -> list[ClaimRow]:
             f'[{RESULTS}]({RESULTS}): do not edit. Each campaign prints the figure of the paper, '
             "that of the paper's method in our implementation (as_published), and ours beyond it; "
             'holds says whether the bound next to them does.', '',
-            '| paper | figure | published | ours, as published | verdict |', '|---|---|---|---|---|', *headlines, '',
-            *_summary(rows), '']
+            '| paper | figure | published | ours, as published | verdict |',
+            '|---|---|---|---|---|', *headlines, '', *_summary(rows), '']
     (folder / PAGE).write_text('\n'.join([*head, *sections]).rstrip() + '\n')
     return rows
 
