@@ -79,7 +79,7 @@ def test_the_first_table_has_a_row_of_each_paper_with_the_figures_of_its_result(
 
 def test_campaigns_that_are_not_run_keep_their_result(folder, monkeypatch):
     monkeypatch.setattr(papers, '_run', lambda *arguments: Result(
-        'campaign quad', [record('first', True)], {'trials': 7, 'seed': 2}, ('ours',)))
+        'campaign quad', [record('first | row', True)], {'trials': 7, 'seed': 2}, ('ours',)))
     kept = (folder / papers.RESULTS / 'quad.json').read_text()
     papers.run_papers_campaign(folder, seed=2, only=('hausdorff',))
     assert (folder / papers.RESULTS / 'quad.json').read_text() == kept
