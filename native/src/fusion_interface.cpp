@@ -4,10 +4,10 @@
 // Calls for a fusion of heads, and its options with defaults and ranges.
 
 #include <cmath>
-#include <cstring>
 #include <new>
 
 #include "fusion/fusion.h"
+#include "maths/numbers.h"
 #include "startracker_fusion.h"
 
 using namespace st;
@@ -122,20 +122,6 @@ void set_unknown(double (&matrix)[R][C]) {
 
 bool has_head(const st_fusion *fusion, int32_t head) {
     return fusion != nullptr && 0 <= head && head < fusion->fusion.heads();
-}
-
-template <class T>
-T from(const double *numbers) {
-    T value;
-    std::memcpy(&value, numbers, sizeof(T));
-    return value;
-}
-
-template <class T>
-void into(double *numbers, const T &value) {
-    if (numbers != nullptr) {
-        std::memcpy(numbers, &value, sizeof(T));
-    }
 }
 
 }  // namespace

@@ -18,9 +18,9 @@
 #include "centroid/streak_search.h"
 #include "centroid/streak_stars.h"
 #include "maths/gates.h"
+#include "maths/numbers.h"
 #include "maths/rotation.h"
 #include "maths/symmetric.h"
-#include "numbers.h"
 #include "sky/sky.h"
 
 using namespace st;

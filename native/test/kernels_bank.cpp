@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "numbers.h"
+#include "maths/numbers.h"
 #include "sky/apparent.h"
 #include "track/followed_stars.h"
 #include "track/frame_motion.h"

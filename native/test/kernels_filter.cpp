@@ -8,7 +8,7 @@
 #include "camera/lens.h"
 #include "filter/gyro.h"
 #include "filter/motion.h"
-#include "numbers.h"
+#include "maths/numbers.h"
 #include "track/correction.h"
 #include "track/rolling_shutter.h"
 

@@ -20,7 +20,7 @@
 #include "integrity/systematic_errors.h"
 #include "integrity/validation.h"
 #include "maths/normal.h"
-#include "numbers.h"
+#include "maths/numbers.h"
 
 using namespace st;
 
