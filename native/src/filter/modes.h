@@ -118,7 +118,7 @@ Weights mix_modes(const MotionWith<MOST> &motion, const Weights &before,
         }
     }
     share = normalised(share);
-    // A body that jumps does so as often whatever it did in the frame before.
+    // A body that jumps does so whatever it did in the frame before.
     const double stays = STAYS * (1 - sum(jumps));
     Weights weight;
     for (int j = 0; j < MODES; ++j) {

@@ -14,7 +14,7 @@
 //
 // L_j the likelihood of the frame. p_ij is STAYS if the mode does not change, else by the share
 // that mode j had in the frames before: of a body that turns steadily none is left for jumps. Sudden
-// modes that show in a frame begin by that share whatever the mode before.
+// modes that show in a frame begin by that share, up to least_next, whatever the mode before.
 //
 // The error state of a mode is [turn, rate, acceleration, drift] about sensor axes and constants
 // that walk at random, as the mounts of several heads on a body do. Modes:

@@ -218,6 +218,7 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
             continue;
         }
         const Mode &mode = MODE[j];
+        const Vector3 noise_rad2 = noise_of(mode, before.noise_rad2, before.jumps);
         double *x = after.mode[j].mean.element;
         auto &P = after.mode[j].covariance;
         Quaternion q = turned(before.quaternion, part(x, TURN));
@@ -225,8 +226,7 @@ void predict_motion(const MotionWith<MOST> &before, int64_t to_ns, const GyroRat
             const double dt_s = rates.dt_s[k];
             const Quaternion turn =
                 quaternion_from_rotation_vector(turn_of(x, mode.kind, dt_s, swing));
-            const Transition step = transition_of(mode, dt_s, swing.w2,
-                                                  noise_of(mode, before.noise_rad2, before.jumps),
+            const Transition step = transition_of(mode, dt_s, swing.w2, noise_rad2,
                                                   before.interval_s, noise.acceleration_rad_s2);
             carry_mean(x, step.F, mode.kind, swing);
             carry(P, n, transposed(matrix_from_quaternion(turn)), step.F);
