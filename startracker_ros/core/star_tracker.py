@@ -20,27 +20,20 @@ from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.attitude.gyro import checked_rate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.band import BandOptions
-from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.centroid.centroids import Centroids, MADE_BY
 from startracker_ros.core.centroid.extraction import check_image
 from startracker_ros.core.centroid.image_tracker import (
-    centroids_of, figures_of, ImageTracker, set_extraction)
+    centroids_of, figures_of)
 from startracker_ros.core.centroid.reasons import status_and_reason
 from startracker_ros.core.frame_result import Attitude, FrameResult
-from startracker_ros.core.identify.cache import camera_stars
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.star_matcher import found_of, STATUSES
 from startracker_ros.core.integrity.reasons import reason_text
-from startracker_ros.core.native_tracker import (
-    EXTRACTS, IDENTIFIES, native_centroids, SkyTracker, TRACKS, TRUSTS)
-from startracker_ros.core.stages.attitude import AttitudeStage, set_trust
-from startracker_ros.core.stages.extraction import ExtractionStage
+from startracker_ros.core.stages.frame_path import FramePath
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
-from startracker_ros.core.track.track_filter import set_tracking, TrackFilter
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.core.values import of_type, vector_of
 
@@ -89,38 +82,17 @@ class StarTracker:
 
     def _build(self, camera: Camera, epoch: CatalogueEpoch, options: StarTrackerOptions) -> None:
         self._camera, self._epoch_year = camera, epoch.year
-        self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch.year, options.identification, options.check, gyro=options.gyro,
             band=options.band)
         self.motion = ObserverMotion(options.aberration, epoch)
-        onboard = camera_stars(camera, epoch.year, options.tracker.magnitude_limit, options.band)
         identifier = self.identification.identifier
-        config, patterns = native.defaults(), None
-        config['stages'] = EXTRACTS | TRACKS | TRUSTS
         # Other methods identify in Python.
-        if type(identifier) is PyramidIdentifier:
-            config['stages'] |= IDENTIFIES
-            patterns = identifier.native_patterns()
-            for name, value in identifier.native_options.items():
-                config['identification'][name] = value
-        config['identification']['check_period_s'] = options.check.check_period_s
-        set_extraction(config, self.extraction.options)
-        set_tracking(config, options.tracker, options.gyro)
-        set_trust(config, options.validation, options.protection)
-        # All stages have one copy of tracks and attitude.
-        self._native = SkyTracker(config, camera, onboard, self.motion, patterns)
-        self._identifies = patterns is not None
-        self._result = np.zeros((), native.RESULT)
-        self._result_at = self._result.ctypes.data
-        self._images = self.extraction.images = ImageTracker(
-            (camera.height, camera.width), self.extraction.options, self._native)
-        self.tracker = TrackFilter(camera, onboard, options.tracker, options.gyro, self.motion,
-                                   self._native, self._result['tracking'])
-        self.attitude = AttitudeStage(
-            camera, epoch.year, options.validation, self.motion,
-            self.tracker.sky if _tracks_all_stars(camera, options) else None,
-            options.protection, self._native)
+        pyramid = identifier if type(identifier) is PyramidIdentifier else None
+        self._identifies = pyramid is not None
+        self._path = FramePath(camera, epoch.year, options, self.motion, pyramid)
+        self.extraction, self.tracker = self._path.extraction, self._path.tracker
+        self.attitude = self._path.attitude
         self._newest_ns: int | None = None
 
     def reset(self) -> None:
@@ -183,19 +155,15 @@ class StarTracker:
 
         """
         check_image(image)
-        camera, images = self._camera, self._images
-        if not images.is_of(image, cell):
+        camera, path = self._camera, self._path
+        if not path.is_of(image, cell):
             raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px, the camera has '
                              f'{camera.width} x {camera.height}')
         stamp_ns, before = self._begin(stamp_ns)
-        pixels = images.given(image, cell, exposure_s)
-        self._native.call('st_process_image', stamp_ns, images.image_at, self._result_at)
-        del pixels
-        found = self._result['extraction']
-        self.extraction.windowed = bool(found['windowed'])
+        used = path.process(stamp_ns, image, cell, exposure_s)
         return self._end(stamp_ns, before, centroids_of(
-            self._native.listed('st_centroids', native.CENTROID), figures_of(found))
-            if self._result['used'] else Centroids.empty())
+            path.native.listed('st_centroids', native.CENTROID),
+            figures_of(path.result['extraction'])) if used else Centroids.empty())
 
     def process_centroids(self, stamp_ns: int, centroids: Centroids, windowed: bool = False
                           ) -> FrameResult:
@@ -216,9 +184,7 @@ class StarTracker:
         """
         of_type('centroids', centroids, Centroids, MADE_BY)
         stamp_ns, before = self._begin(stamp_ns)
-        table, exposure_s = native_centroids(centroids), np.array(centroids.exposure_s)
-        self._native.call('st_process_centroids', stamp_ns, table.ctypes.data, len(table),
-                          exposure_s.ctypes.data, windowed, self._result_at)
+        self._path.process_centroids(stamp_ns, centroids, windowed)
         return self._end(stamp_ns, before, centroids)
 
     def identifier_is_idle(self, stamp_ns: int, windowed: bool = False) -> bool:
@@ -246,12 +212,11 @@ class StarTracker:
         stamp_ns = checked_stamp(stamp_ns, self._epoch_year if self._newest_ns is None else None)
         if self._newest_ns is not None and self._newest_ns - stamp_ns > RESTART_NS:
             self.reset()
-        self._native.look(stamp_ns)
         return stamp_ns, self.tracker.follows
 
     def _end(self, stamp_ns: int, followed: bool, centroids: Centroids) -> FrameResult:
         """Return the result of a frame that was processed; it has views of one copy of RESULT."""
-        result, tracker = self._result.copy(), self.tracker
+        result, tracker = self._path.result.copy(), self.tracker
         if not result['used']:
             tracker.look()
             return FrameResult(
@@ -263,7 +228,7 @@ class StarTracker:
         tracks, tracked, trusted = tracker.tracks, tracker.attitude, result['attitude']
         attitude = None
         if trusted['valid'] and tracked is not None:
-            attitude = Attitude.of_result(trusted, tracked, self._native.listed(
+            attitude = Attitude.of_result(trusted, tracked, self._path.native.listed(
                 'st_residuals', np.dtype(float)))
         found = self._identification(stamp_ns, result, followed, centroids)
         reasons = []
@@ -291,12 +256,6 @@ class StarTracker:
         assert isinstance(stage.identifier, PyramidIdentifier)
         stage.body_spots = int(found['body_centroids'])
         self.tracker.look_again()
-        seen = centroids_of(self._native.listed('st_searched_centroids', native.CENTROID))
+        seen = centroids_of(self._path.native.listed('st_searched_centroids', native.CENTROID))
         return self._icrf(int(found['attitude']['stamp_ns']), stage.identifier.result_of(
-            seen, found_of(found, self._native, len(seen))), seen)
-
-
-def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:
-    """Return whether the star tracker has the stars of the catalogue, with their magnitudes."""
-    faintest = camera_catalog(camera).magnitude.max()
-    return options.band == BandOptions() and faintest <= options.tracker.magnitude_limit
+            seen, found_of(found, self._path.native, len(seen))), seen)

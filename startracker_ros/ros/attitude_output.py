@@ -75,8 +75,8 @@ class AttitudeOutput:
 
         Without a trusted attitude only attitude_imu is published, marked as invalid, or nothing.
         """
+        self._node.defer(partial(self._observer.report, stamp_ns))
         attitude, sensor_frame_id = result.attitude, self._node.sensor_frame_id
-        self._observer.report(stamp_ns)
         header = make_header(
             stamp_ns, self._node.options(AttitudeFrameOptions).inertial_frame_id)
         sensor_header = make_header(stamp_ns, sensor_frame_id)

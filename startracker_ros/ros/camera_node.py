@@ -23,6 +23,7 @@ from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.memory import return_free_memory
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.one_call import OneCall
 from startracker_ros.ros.topic_status import TopicStatus
 
 """Counts camera_info of the time in which the code is loaded."""
@@ -175,6 +176,16 @@ class CameraNode(PipelineNode):
     @property
     def is_busy(self) -> bool:
         return is_building()
+
+    @property
+    def one_call(self) -> OneCall | None:
+        """What the stages of a process share, None for a node alone."""
+        return None if self.composition is None else self.composition.one_call
+
+    @property
+    def is_set_up(self) -> bool:
+        """Whether messages are processed as they come, with a camera."""
+        return self.camera is not None and self._setup is None
 
     def restart(self) -> None:
         """Forget the state and read the options, before anything is built for the camera."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 from startracker_ros.ros.messages.serialized import PassedMessage
+from startracker_ros.ros.one_call import OneCall
 from std_msgs.msg import Header
 
 
@@ -58,9 +59,11 @@ class Composition:
     A topic that one of the nodes publishes is received from that node only. Messages go through a
     queue, so that a callback returns before what it published is delivered, as over DDS. A
     second queue is for work that the attitude does not depend on; it is processed last.
+    one_call is what extractor, tracker and estimator share if all three are in this process.
     """
 
     def __init__(self) -> None:
+        self.one_call = OneCall()
         self._published: set[str] = set()
         self._callbacks: dict[str, list[tuple[Callable[[Any], None], bool]]] = defaultdict(list)
         self._pending: dict[str, list[Callable[[], None]]] | None = defaultdict(list)

@@ -252,13 +252,13 @@ class PipelineNode(ManagedNode):
             if touched and self._are_live(changes):
                 self.set_live_options()
             elif touched:
-                self._rebuild_configured()
+                self.rebuild_configured()
             if touched:
                 self.get_logger().info('parameters changed: ' + ', '.join(
                     f'{name} = {value}' for name, value in changes.items()))
         except (ValueError, StartError) as error:
             self._options = before
-            self._rebuild_configured()
+            self.rebuild_configured()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -266,7 +266,7 @@ class PipelineNode(ManagedNode):
         return self.configured and all(
             row.live for cls in self.option_classes for row in cls.table() if row.name in changes)
 
-    def _rebuild_configured(self) -> None:
+    def rebuild_configured(self) -> None:
         """Rebuild a configured node; configure() builds another."""
         if self.configured:
             self.rebuild()

@@ -156,6 +156,11 @@ class TargetOutput:
         self._diagnostics = node.diagnostics
         self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether anybody subscribes."""
+        return bool(self._publisher.get_subscription_count())
+
     def update(self, targets: TargetTracker, stars: TrackFilter, centroids: Centroids,
                windowed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
         """
@@ -164,7 +169,7 @@ class TargetOutput:
         Return where it is and what may become one, None without a subscriber or an attitude.
         """
         tracked = stars.attitude
-        if tracked is None or not self._publisher.get_subscription_count():
+        if tracked is None or not self.is_wanted:
             return None
         target = targets.update(
             ns_from_stamp(header.stamp), tracked.attitude, centroids, windowed)

@@ -9,8 +9,9 @@ from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
-from rcl_interfaces.srv import GetParameters
-from sensor_msgs.msg import Imu
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
@@ -189,6 +190,29 @@ def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
     right_attitudes(probe, 10)
     assert probe.count_subscribers('image_raw') == 1
     assert probe.count_subscribers('centroids') == 0
+
+
+def test_a_frame_is_one_call_while_nobody_wants_the_stages_apart(nodes, probe):
+    for topic in ('truth/attitude', 'attitude'):
+        probe.collect(QuaternionStamped, topic, qos.LIST)
+    nodes.start('composed_pipeline')
+    nodes.start('sky_simulator', {name.partition(':')[2]: value for name, value in SKY.items()})
+
+    def wait_for_calls(count):
+        probe.wait(lambda: probe.diagnostic_value(
+            'attitude_estimator: attitude', 'calls_per_frame') == count, f'{count} calls a frame')
+        right_attitudes(probe, len(probe.received['attitude']) + 10)
+    wait_for_calls('1')
+    # The width of the stars is for another extractor, which the path is built again for.
+    width = Parameter('psf_sigma_px', value=0.8).to_parameter_msg()
+    assert probe.call(SetParametersAtomically, 'centroid_extractor/set_parameters_atomically',
+                      SetParametersAtomically.Request(parameters=[width])).result.successful
+    assert probe.call(Trigger, 'attitude_estimator/reset', Trigger.Request()).success
+    probe.forget()
+    wait_for_calls('1')
+    # The extractor needs what the tracker predicts of a target.
+    probe.collect(PointCloud2, 'target_centroid', qos.LIST)
+    wait_for_calls('3')
 
 
 def test_remaps_and_parameters_of_one_node(nodes, probe):

@@ -18,7 +18,7 @@ CELL_PX = 2
 # The sum of four 8-bit pixels is below; full_scale() of the star detection knows it.
 _FULL_10_BIT = 1023
 _SWAPPED_NOISE = 4.0  # times as large as with the other order of bytes
-_SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 64, 512, 1000
+_SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 16, 512, 1000
 
 
 class Levels(NamedTuple):

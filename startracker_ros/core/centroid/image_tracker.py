@@ -97,7 +97,7 @@ class ImageTracker:
         image = self.given(image, cell, exposure_s)
         self._tracker.call('st_extract', stamp_ns, self.image_at, predictions, count,
                            predicted_ns, lost, self._extraction_at)
-        return self._found()
+        return self.found(self._extraction)
 
     def search(self, image: np.ndarray, streak: Streak | None, before: np.ndarray | None,
                after: np.ndarray, threshold_factor: float, *how: int) -> tuple[Found, bool]:
@@ -108,7 +108,7 @@ class ImageTracker:
         self._tracker.call(
             'st_search', self.image_at, options.ctypes.data, address_of(motion),
             address_of(before), after.ctypes.data, ctypes.byref(kept), self._extraction_at)
-        return self._found(), bool(kept.value)
+        return self.found(self._extraction), bool(kept.value)
 
     def search_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
                     streak: Streak | None, before: np.ndarray, after: np.ndarray) -> Found:
@@ -118,7 +118,7 @@ class ImageTracker:
         self._tracker.call(
             'st_search_near', self.image_at, uv.ctypes.data, radius_px.ctypes.data, len(uv),
             address_of(motion), before.ctypes.data, after.ctypes.data, self._extraction_at)
-        return self._found()
+        return self.found(self._extraction)
 
     def find_spots(self, image: np.ndarray, cell_share: float, calm: bool) -> Centroids:
         """Return the spots of st_find_spots()."""
@@ -157,11 +157,11 @@ class ImageTracker:
             image.ctypes.data, down, width, height, image.itemsize == 2, cell, exposure_s)
         return image
 
-    def _found(self) -> Found:
-        """Return the results of a call that has filled the EXTRACTION."""
+    def found(self, extraction: np.ndarray) -> Found:
+        """Return the results of a call that has filled an EXTRACTION."""
         rejected = self._tracker.listed('st_rejections', native.REJECTED)
         centroids = self._tracker.listed('st_centroids', native.CENTROID)
-        figures = figures_of(self._extraction)
+        figures = figures_of(extraction)
         return Found(figures, centroids_of(centroids, figures),
                      np.stack([rejected['u_px'], rejected['v_px']], -1))
 

@@ -13,9 +13,12 @@ from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.integrity.protection import ProtectionOptions
-from startracker_ros.core.integrity.validation import UNUSED_SOLVER, ValidationOptions
+from startracker_ros.core.integrity.validation import (
+    TrustedAttitude, UNUSED_SOLVER, ValidationOptions)
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.stages.attitude import AttitudeStage
+from startracker_ros.core.stages.frame_path import FramePath
+from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
@@ -63,19 +66,37 @@ class AttitudeEstimatorNode(CameraNode):
         else:
             self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.advertise_reset()
+        self._published_ns = 0
+        if self.one_call is not None:
+            self.one_call.estimator = self
 
     def restart(self) -> None:
         self._observer.rebuild()
         self._output.rebuild()
         self._pairs.clear()
         self._sub_frames.clear()
+        self._published_ns = 0
 
-    def builder(self, camera: Camera, epoch_year: float) -> Callable[[], AttitudeStage]:
+    def uses_path_of(self, tracker: CameraNode) -> bool:
+        """Return whether the attitude is that of a tracker, seen by the same observer."""
+        return (self.options(SourceOptions).source == 'tracks'
+                and self.options(AberrationOptions) == tracker.options(AberrationOptions))
+
+    def use_path(self, path: FramePath) -> None:
+        """Check on a path that serves other nodes as well."""
+        self._stage = path.attitude
+        # Live options that have changed meanwhile.
+        self.set_live_options()
+
+    def builder(self, camera: Camera, epoch_year: float) -> Callable[[], AttitudeStage] | None:
+        if self.one_call is not None and self.one_call.is_complete:
+            # use_path() is called before any tracks come.
+            return None
         return partial(AttitudeStage, camera, epoch_year, self.options(ValidationOptions),
                        self._observer.motion, protection=self.options(ProtectionOptions))
 
-    def use(self, built: AttitudeStage) -> None:
-        self._stage = built
+    def use(self, built: AttitudeStage | None) -> None:
+        self._stage = built or self._stage
 
     def set_live_options(self) -> None:
         if self.camera is not None:
@@ -89,16 +110,27 @@ class AttitudeEstimatorNode(CameraNode):
         self._output.follow_frame(frame_id)
         return frame_id
 
+    def publish_processed(self, stamp_ns: int, frame_id: str, path: FramePath) -> None:
+        """Publish the attitude of a frame that was processed with its image."""
+        self.follow_frame(frame_id)
+        self._published_ns = stamp_ns
+        self._publish(stamp_ns, path.trusted(), path.tracker.attitude)
+        self.diagnostics.values['calls_per_frame'] = 1
+
     def _on_tracked_attitude(self, message: Imu) -> None:
+        if ns_from_stamp(message.header.stamp) == self._published_ns:
+            return
         self._pair('tracked_attitude', ns_from_stamp(message.header.stamp),
                    tracked_attitude_from_imu(message))
 
     def _on_tracks(self, message: PointCloud2) -> None:
-        tracks = tracks_from_message(message)
         if self.camera_or_drop() is None or not self.in_order('tracks', message.header.stamp):
             return
         self.follow_frame(message.header.frame_id)
         stamp_ns = ns_from_stamp(message.header.stamp)
+        if stamp_ns == self._published_ns:
+            return
+        tracks = tracks_from_message(message)
         if (self._pairs.waits('tracked_attitude', stamp_ns)
                 or self.count_publishers('tracked_attitude')):
             self._pair('tracks', stamp_ns, tracks)
@@ -116,7 +148,11 @@ class AttitudeEstimatorNode(CameraNode):
         solver = self.options(ValidationOptions).solver
         if solver != ValidationOptions.solver:
             self.diagnostics.report_event(UNUSED_SOLVER.format(solver))
-        result = self._stage.from_tracks(stamp_ns, tracks, tracked)
+        self._publish(stamp_ns, self._stage.from_tracks(stamp_ns, tracks, tracked), tracked)
+        self.diagnostics.values['calls_per_frame'] = 3
+
+    def _publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
+                 ) -> None:
         self._output.publish(stamp_ns, result, tracked)
         if tracked is not None:
             self._sub_frames.add(stamp_ns, result.attitude, tracked)

@@ -14,6 +14,7 @@ from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.stages.annotate import annotate, Labels, mark_bodies
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
+from startracker_ros.core.stages.frame_path import FramePath
 from startracker_ros.io.bags.layouts import ns_from_stamp, StarImage
 from startracker_ros.io.bags.telemetry import ExposureTimes
 from startracker_ros.ros import qos
@@ -49,6 +50,8 @@ class CentroidExtractorNode(CameraNode):
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
         self.subscribe(TimeReference, 'exposure_start',
                        lambda message: self._exposures.add(message), qos.LIST, first=True)
+        if self.one_call is not None:
+            self.one_call.extractor = self
 
     def restart(self) -> None:
         self._predicted: PredictedCentroids | None = None
@@ -56,6 +59,14 @@ class CentroidExtractorNode(CameraNode):
         self._exposures = ExposureTimes()
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
+        if self.one_call is not None:
+            self.one_call.restart()
+
+    def use_path(self, path: FramePath) -> None:
+        """Extract on a path that serves other nodes as well."""
+        self._stage = path.extraction
+        # Live options that have changed meanwhile.
+        self.set_live_options()
 
     def set_live_options(self) -> None:
         self._stage.set_options(self.options(ExtractionOptions), self.options(SearchOptions))
@@ -83,14 +94,21 @@ class CentroidExtractorNode(CameraNode):
         image.check_size(camera)
         stamp_ns = ns_from_stamp(header.stamp)
         header = make_header(stamp_ns, self.follow_frame(header.frame_id))
-        extraction = self._stage.process(
-            stamp_ns, image.pixels, self._predicted,
-            lost=self.has_publisher('predicted_centroids'), cell=image.cell,
-            exposure_s=self._exposures.at(stamp_ns))
+        extraction = self._extract(stamp_ns, image, header.frame_id)
         centroids, windowed = extraction.centroids, self._stage.windowed
         publish_value(self._centroids, header, (centroids, windowed and len(centroids) > 0),
                       partial(centroids_to_message, centroids, camera, header, windowed))
         self.defer(partial(self._report, header, image, extraction))
+
+    def _extract(self, stamp_ns: int, image: StarImage, frame_id: str) -> Extraction:
+        exposure_s = self._exposures.at(stamp_ns)
+        if self.one_call is not None and self.one_call.process(
+                stamp_ns, image, exposure_s, frame_id):
+            return self.one_call.path.extracted()
+        return self._stage.process(
+            stamp_ns, image.pixels, self._predicted,
+            lost=self.has_publisher('predicted_centroids'), cell=image.cell,
+            exposure_s=exposure_s)
 
     def _picture(self, image: np.ndarray, extraction: Extraction) -> np.ndarray:
         """Return the image with its centroids and bodies marked."""

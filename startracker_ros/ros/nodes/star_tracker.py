@@ -14,7 +14,7 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.stages.tracking import make_trackers
+from startracker_ros.core.stages.tracking import make_frame_path, make_trackers
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTrackOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
@@ -57,16 +57,35 @@ class StarTrackerNode(CameraNode):
         self.subscribe(Imu, 'hint', self._on_hint, qos.LIST)
         self.subscribe_rates(self._add_rate)
         self.advertise_reset()
+        self._processed_ns = 0
+        if self.one_call is not None:
+            self.one_call.tracker = self
 
     def builder(self, camera: Camera, epoch_year: float) -> partial:
         self._observer.rebuild()
+        if self.one_call is not None and self.one_call.is_complete:
+            return partial(make_frame_path, camera, epoch_year, self.one_call.options(),
+                           self.options(TargetTrackOptions), self._observer.motion)
         return partial(make_trackers, camera, epoch_year, self.options(TrackerOptions),
                        self.options(GyroErrorOptions), self.options(TargetTrackOptions),
                        self._observer.motion, self.options(BandOptions))
 
     def use(self, built: tuple) -> None:
-        self._tracker, self._target_tracker = built
+        self._tracker, self._target_tracker, *path = built
         self._state.begin(self._tracker)
+        self._processed_ns = 0
+        for one in path:
+            self.one_call.adopt(one)
+
+    @property
+    def follows_target(self) -> bool:
+        """Whether anybody wants the target, whose predictions go to the extractor."""
+        return self._target.is_wanted
+
+    def take_processed(self, stamp_ns: int) -> None:
+        """Take the figures of a frame that was processed with its image."""
+        self._tracker.look(stamp_ns)
+        self._processed_ns = stamp_ns
 
     def set_live_options(self) -> None:
         if self.camera is not None:
@@ -85,7 +104,9 @@ class StarTrackerNode(CameraNode):
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
         header = make_header(stamp_ns, self.follow_frame(message.header.frame_id))
-        if (tracks := self._tracker.update(stamp_ns, centroids)) is None:
+        tracks = (self._tracker.tracks if stamp_ns == self._processed_ns else
+                  self._tracker.update(stamp_ns, centroids))
+        if tracks is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         tracked = self._tracker.attitude
