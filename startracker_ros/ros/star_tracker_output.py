@@ -75,10 +75,11 @@ class TrackerStateOutput:
         level = OK if tracker.state is TrackerState.TRACKING else WARN
         self._has_tracked |= level == OK
         values = {**tracker_state_values(tracker), **self._blinding}
-        status = level[0], STATE_NAME, tracker.state.value, self._node.hardware_id, values
-        self._state.publish(cdr.status(*status))
+        status = cdr.status(
+            level[0], STATE_NAME, tracker.state.value, self._node.hardware_id, values)
+        self._state.publish(status)
         self._status.publish(cdr.status_array(
-            self._newest_ns, self._node.sensor_frame_id, *status))
+            self._newest_ns, self._node.sensor_frame_id, status))
         diagnostics.values.update(values)
         if tracker.contradiction:
             diagnostics.counts['contradictory frames'] += 1

@@ -3,8 +3,6 @@
 
 """The stages of a frame on one native tracker, which does them in one call."""
 
-from dataclasses import replace
-
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.astro.observer_motion import ObserverMotion
@@ -90,15 +88,12 @@ class FramePath:
         return Extraction.of(self._images.found(self.result['extraction']))
 
     def trusted(self) -> TrustedAttitude:
-        """Return the attitude of the last frame, or why there is none."""
+        """Return the attitude of the last frame, without residuals, or why there is none."""
         found, reason = self.result['attitude'], reason_text(self.result['reason'])
         if not found['valid']:
             return TrustedAttitude(None, reason)
         found = found.copy()
-        return TrustedAttitude(
-            replace(attitude_of(found, self.tracker.kept['budget']),
-                    residual_rad=self.native.listed('st_residuals', np.dtype(float))),
-            reason, found['protection_rad'])
+        return TrustedAttitude(attitude_of(found), reason, found['protection_rad'])
 
 
 def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:

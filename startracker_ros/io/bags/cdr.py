@@ -270,22 +270,16 @@ def image_lines(stamp_ns: int, frame_id: str, namespace: str, ends: np.ndarray, 
 def status(level: int, name: str, message: str, hardware_id: str,
            values: Mapping[str, object]) -> bytes:
     """Return a DiagnosticStatus with values as text."""
-    return _add_status(_Body(), level, name, message, hardware_id, values).done()
-
-
-def status_array(stamp_ns: int, frame_id: str, level: int, name: str, message: str,
-                 hardware_id: str, values: Mapping[str, object]) -> bytes:
-    """Return a DiagnosticArray of one status."""
-    return _add_status(_Body(stamp_ns, frame_id).uints(1), level, name, message, hardware_id,
-                       values).done()
-
-
-def _add_status(body: _Body, level: int, name: str, message: str, hardware_id: str,
-                values: Mapping[str, object]) -> _Body:
-    body.raw(bytes([level])).text(name).text(message).text(hardware_id).uints(len(values))
+    body = _Body().raw(bytes([level])).text(name).text(message).text(hardware_id)
+    body.uints(len(values))
     for key, value in values.items():
         body.text(key).text(str(value))
-    return body
+    return body.done()
+
+
+def status_array(stamp_ns: int, frame_id: str, one: bytes) -> bytes:
+    """Return a DiagnosticArray of one DiagnosticStatus."""
+    return _Body(stamp_ns, frame_id).uints(1).raw(one[len(_ENCAPSULATION):]).done()
 
 
 # --- reading ---
