@@ -4,11 +4,14 @@
 """One call for each frame where extractor, tracker and estimator are nodes of one process."""
 
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, TYPE_CHECKING
 
-from startracker_ros.core.stages.frame_path import FramePath
-from startracker_ros.core.stages.parameters import NODES, StarTrackerOptions
-from startracker_ros.io.bags.layouts import StarImage
+from startracker_ros.core.camera.model import Camera
+
+if TYPE_CHECKING:
+    from startracker_ros.core.stages.frame_path import FramePath
+    from startracker_ros.io.bags.layouts import StarImage
 
 
 class OneCall:
@@ -35,16 +38,18 @@ class OneCall:
         return (None not in (self.extractor, self.tracker, self.estimator)
                 and self.estimator.uses_path_of(self.tracker))
 
-    def options(self) -> StarTrackerOptions:
-        """Return the options of all three, those of the others at their defaults."""
-        nodes = {'centroid_extractor': self.extractor, 'star_tracker': self.tracker,
-                 'attitude_estimator': self.estimator}
+    def builder(self, camera: Camera, epoch_year: float, *others: Any) -> partial:
+        """Return the function that builds a path with the options of all three, and others."""
+        # A node alone loads no other stage.
+        from startracker_ros.core.stages.frame_path import make_frame_path
+        from startracker_ros.core.stages.parameters import NODES, StarTrackerOptions
+        nodes = dict(zip(NODES, (self.extractor, None, self.tracker, self.estimator)))
         defaults = StarTrackerOptions()
-        return replace(defaults, **{
+        return partial(make_frame_path, camera, epoch_year, replace(defaults, **{
             name: node.options(type(getattr(defaults, name)))
-            for key, node in nodes.items() for name in NODES[key]})
+            for key, node in nodes.items() if node is not None for name in NODES[key]}), *others)
 
-    def adopt(self, path: FramePath) -> None:
+    def adopt(self, path: 'FramePath') -> None:
         """Let all use the stages of a path that the tracker has built."""
         self.path = path
         for node in (self.extractor, self.estimator):
@@ -56,7 +61,7 @@ class OneCall:
             self.path = None
             self.tracker.rebuild_configured()
 
-    def process(self, stamp_ns: int, image: StarImage, exposure_s: float, frame_id: str) -> bool:
+    def process(self, stamp_ns: int, image: 'StarImage', exposure_s: float, frame_id: str) -> bool:
         """Process an image and publish its attitude; return False where each stage is called."""
         path = self.path
         if path is None or not self._is_ready(path) or not path.process(
@@ -67,7 +72,7 @@ class OneCall:
             stamp_ns, frame_id, path))
         return True
 
-    def _is_ready(self, path: FramePath) -> bool:
+    def _is_ready(self, path: 'FramePath') -> bool:
         """Return whether all are active and set up for one camera."""
         nodes = self.extractor, self.tracker, self.estimator
         if not all(node.active and node.is_set_up for node in nodes) or (

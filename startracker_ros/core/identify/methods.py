@@ -14,7 +14,7 @@ from startracker_ros.core.options import Options
 from startracker_ros.core.registry import METHODS
 
 CLASSES: dict[str, type[Identifier]] = {name: method.load() for name, method in METHODS.items()}
-"""All are imported, so that a node loads their machine code before it is ready."""
+"""All are imported: a node declares the options of each."""
 
 OWN_OPTIONS: tuple[type[Options], ...] = tuple(
     kind.own_options for kind in CLASSES.values() if kind.own_options is not None)

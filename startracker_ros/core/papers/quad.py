@@ -17,7 +17,6 @@ from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog
@@ -222,7 +221,9 @@ def full_field_match(onboard: OnboardCatalog, radius_rad: float, tolerance_sigma
     scale_error.
     """
     corner = onboard.direction[star]
-    coarse = Rotation.align_vectors(corner, image[base])[0].as_matrix()
+    # Markley 1988: the rotation of Wahba's problem by the SVD, here with equal weights.
+    left, _, right = np.linalg.svd(corner.T @ image[base])
+    coarse = left * [1.0, 1.0, np.linalg.det(left @ right)] @ right
     near = onboard.within(coarse[:, 2], radius_rad)
     seen = angle_between(image[:, None], image[base])
     true = angle_between(onboard.direction[near][:, None], corner)

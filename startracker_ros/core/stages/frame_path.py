@@ -3,6 +3,8 @@
 
 """The stages of a frame on one native tracker, which does them in one call."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from startracker_ros.core import native
 from startracker_ros.core.astro.observer_motion import ObserverMotion
@@ -13,15 +15,19 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import Extraction
 from startracker_ros.core.centroid.image_tracker import ImageTracker, set_extraction
 from startracker_ros.core.identify.cache import camera_stars
-from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.integrity.validation import TrustedAttitude
 from startracker_ros.core.native_tracker import (
     attitude_of, EXTRACTS, IDENTIFIES, native_centroids, SkyTracker, TRACKS, TRUSTS)
 from startracker_ros.core.stages.attitude import AttitudeStage, set_trust
 from startracker_ros.core.stages.extraction import ExtractionStage
-from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.core.track.track_filter import set_tracking, TrackFilter
+
+if TYPE_CHECKING:
+    # A star tracker without identification loads no method.
+    from startracker_ros.core.identify.pyramid import PyramidIdentifier
+    from startracker_ros.core.stages.parameters import StarTrackerOptions
 
 
 class FramePath:
@@ -32,8 +38,8 @@ class FramePath:
     the RESULT of the last call for a whole frame. ValueError for a camera that is too large.
     """
 
-    def __init__(self, camera: Camera, epoch_year: float, options: StarTrackerOptions,
-                 motion: ObserverMotion, identifier: PyramidIdentifier | None = None) -> None:
+    def __init__(self, camera: Camera, epoch_year: float, options: 'StarTrackerOptions',
+                 motion: ObserverMotion, identifier: 'PyramidIdentifier | None' = None) -> None:
         self.camera, self.motion = camera, motion
         self.extraction = ExtractionStage(options.extraction, options.search)
         onboard = camera_stars(camera, epoch_year, options.tracker.magnitude_limit, options.band)
@@ -96,7 +102,15 @@ class FramePath:
         return TrustedAttitude(attitude_of(found), reason, found['protection_rad'])
 
 
-def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:
+def _tracks_all_stars(camera: Camera, options: 'StarTrackerOptions') -> bool:
     """Return whether the star tracker has the stars of the catalogue, with their magnitudes."""
     faintest = camera_catalog(camera).magnitude.max()
     return options.band == BandOptions() and faintest <= options.tracker.magnitude_limit
+
+
+def make_frame_path(camera: Camera, epoch_year: float, options: 'StarTrackerOptions',
+                    target: TargetTrackOptions, motion: ObserverMotion
+                    ) -> tuple[TrackFilter, TargetTracker, FramePath]:
+    """Return a path without identification: its tracker, that of a target, and the path."""
+    path = FramePath(camera, epoch_year, options, motion)
+    return path.tracker, TargetTracker(camera, path.tracker.sky, target), path

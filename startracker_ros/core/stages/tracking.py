@@ -8,8 +8,6 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.identify.cache import camera_stars
-from startracker_ros.core.stages.frame_path import FramePath
-from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.core.track.track_filter import TrackFilter
@@ -31,11 +29,3 @@ def make_trackers(camera: Camera, epoch_year: float, options: TrackerOptions,
     """Return the filter of the tracks of stars, and the tracker of a target among them."""
     tracker = make_track_filter(camera, epoch_year, options, gyro, motion, band)
     return tracker, TargetTracker(camera, tracker.sky, target)
-
-
-def make_frame_path(camera: Camera, epoch_year: float, options: StarTrackerOptions,
-                    target: TargetTrackOptions, motion: ObserverMotion
-                    ) -> tuple[TrackFilter, TargetTracker, FramePath]:
-    """Return the same of a path on which images are extracted and attitudes checked as well."""
-    path = FramePath(camera, epoch_year, options, motion)
-    return path.tracker, TargetTracker(camera, path.tracker.sky, target), path

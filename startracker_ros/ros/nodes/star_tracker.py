@@ -14,7 +14,7 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.stages.tracking import make_frame_path, make_trackers
+from startracker_ros.core.stages.tracking import make_trackers
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTrackOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
@@ -64,8 +64,8 @@ class StarTrackerNode(CameraNode):
     def builder(self, camera: Camera, epoch_year: float) -> partial:
         self._observer.rebuild()
         if self.one_call is not None and self.one_call.is_complete:
-            return partial(make_frame_path, camera, epoch_year, self.one_call.options(),
-                           self.options(TargetTrackOptions), self._observer.motion)
+            return self.one_call.builder(camera, epoch_year, self.options(TargetTrackOptions),
+                                         self._observer.motion)
         return partial(make_trackers, camera, epoch_year, self.options(TrackerOptions),
                        self.options(GyroErrorOptions), self.options(TargetTrackOptions),
                        self._observer.motion, self.options(BandOptions))
