@@ -78,8 +78,11 @@ def native_sky(onboard: OnboardCatalog) -> np.ndarray:
     """
     made = vars(onboard)
     if _SKY not in made:
-        file = BytesIO()
+        file, had_grid = BytesIO(), 'grid' in made
         write_arrays(file, star_arrays(onboard))
+        if not had_grid:
+            # The file has it: eight megabytes of a whole sky.
+            del made['grid']
         content = file.getbuffer()
         sky = aligned(len(content))
         sky[:] = np.frombuffer(content, np.uint8)

@@ -61,16 +61,17 @@ class OneCall:
             self.path = None
             self.tracker.rebuild_configured()
 
-    def process(self, stamp_ns: int, image: 'StarImage', exposure_s: float, frame_id: str) -> bool:
-        """Process an image and publish its attitude; return False where each stage is called."""
+    def process(self, stamp_ns: int, image: 'StarImage', exposure_s: float, frame_id: str
+                ) -> 'FramePath | None':
+        """Process an image, publish its attitude; return None where each stage is to be called."""
         path = self.path
         if path is None or not self._is_ready(path) or not path.process(
                 stamp_ns, image.pixels, image.cell, exposure_s):
-            return False
+            return None
         self.tracker.take_processed(stamp_ns)
         self.estimator.guard('tracks', lambda: self.estimator.publish_processed(
             stamp_ns, frame_id, path))
-        return True
+        return path
 
     def _is_ready(self, path: 'FramePath') -> bool:
         """Return whether all are active and set up for one camera."""

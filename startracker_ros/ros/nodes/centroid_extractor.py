@@ -102,9 +102,10 @@ class CentroidExtractorNode(CameraNode):
 
     def _extract(self, stamp_ns: int, image: StarImage, frame_id: str) -> Extraction:
         exposure_s = self._exposures.at(stamp_ns)
-        if self.one_call is not None and self.one_call.process(
-                stamp_ns, image, exposure_s, frame_id):
-            return self.one_call.path.extracted()
+        if self.one_call is not None:
+            path = self.one_call.process(stamp_ns, image, exposure_s, frame_id)
+            if path is not None:
+                return path.extracted()
         return self._stage.process(
             stamp_ns, image.pixels, self._predicted,
             lost=self.has_publisher('predicted_centroids'), cell=image.cell,

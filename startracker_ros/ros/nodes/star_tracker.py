@@ -74,8 +74,8 @@ class StarTrackerNode(CameraNode):
         self._tracker, self._target_tracker, *path = built
         self._state.begin(self._tracker)
         self._processed_ns = 0
-        for one in path:
-            self.one_call.adopt(one)
+        if path and self.one_call is not None:
+            self.one_call.adopt(*path)
 
     @property
     def follows_target(self) -> bool:
