@@ -20,7 +20,7 @@ INSTEAD = {
     r'[Ss]poil\w*': 'contaminated, damaged',
     r'(?<!\w)rest(?:s|ing)(?!\w)': 'idle',
     r"(?<![\w'`])directed(?![\w'`])": 'windowed',
-    r'(?<!\w)common[ _]error': 'correlated error',
+    r'common[ _]error': 'correlated error',
     r'[Oo]ccasion\b': 'epoch',
     r'[Ss]tandpoint': 'observer site',
     r'look_from': 'the observer as an argument',
