@@ -284,6 +284,28 @@ def test_pages_run_as_printed(name, sky_data, tmp_path, monkeypatch, capsys):
             check_output(printed, capsys.readouterr().out)
 
 
+PEERS = ('smroid/cedar-solve', 'ssmichael1/tetra3rs', 'UWCubeSat/lost',
+         'UBNanosatLab/openstartracker', 'dstndstn/astrometry.net')
+
+
+def test_each_cell_of_the_features_says_where_to_see_it():
+    page = DOCUMENTS['docs/features.md']
+    commits = dict(re.findall(r'github\.com/([\w.-]+/[\w.-]+)/tree/([0-9a-f]{40})\) \| ', page))
+    assert tuple(commits) == PEERS
+    rows = [line.strip('| ').split(' | ') for line in page.splitlines() if line.count(' | ') > 5]
+    rows = [row for row in rows if 'startracker_ros' not in row[0]]
+    assert len(rows) > 20
+    for name, ours, *peers in rows:
+        # That the links lead somewhere is tested for all pages.
+        assert re.fullmatch(r'(?!no: `)\S.*: \[[^]]+\]\([\w./-]+(?:#[\w-]+)?\)', ours), ours
+        assert len(peers) == len(PEERS), name
+        for peer, cell in zip(PEERS, peers):
+            source = fr'{re.escape(f"https://github.com/{peer}/blob/{commits[peer]}")}/\S+#L\d+'
+            if peer.endswith('tetra3rs'):
+                source += r'|https://pypi\.org/project/tetra3rs/0\.14\.0/#files'
+            assert re.fullmatch(fr'no: `[^`]+`|\S.*: \[[^]]+\]\((?:{source})\)', cell), cell
+
+
 def test_tables_of_the_readme_fit_a_terminal():
     lines = [line for line in DOCUMENTS['README.md'].splitlines() if line.startswith(('|', '│'))]
     assert len(lines) > 40

@@ -93,6 +93,7 @@ def write_page(folder: Path) -> list[ClaimRow]:
     rows: list[ClaimRow] = []
     sections: list[str] = []
     headlines: list[str] = []
+    held: dict[str, str] = {}
     for paper in PAPERS:
         records = [row for name in paper.campaigns
                    for row in documents.get(name, {'rows': []})['rows']]
@@ -103,7 +104,9 @@ def write_page(folder: Path) -> list[ClaimRow]:
                   for claim in paper.claims]
         rows += states
         if all(name in documents for name in paper.campaigns):
-            headlines += _headlines(paper, records)
+            headlines += _headlines(paper, records, states)
+        judged = [record['holds'] for record in records if record['holds'] is not None]
+        held[paper.name] = f'{sum(judged)} of {len(judged)}'
         sections += [*_paper_section(paper, states),
                      *(line for name in paper.campaigns if name in documents
                        for line in _result_section(name, documents[name], pictures[name]))]
@@ -112,8 +115,10 @@ def write_page(folder: Path) -> list[ClaimRow]:
             f'[{RESULTS}]({RESULTS}): do not edit. Each campaign prints the figure of the paper, '
             "that of the paper's method in our implementation (as_published), and ours beyond it; "
             'holds says whether the bound next to them does.', '',
-            '| paper | figure | published | ours, as published | verdict |',
-            '|---|---|---|---|---|', *headlines, '', *_summary(rows), '']
+            'Verdicts. Reproduced: by the method of the paper, as good as printed or within the '
+            'bound. Better: by a method beyond it. Differs: the section says why.', '',
+            '| paper | figure | published | ours, as published | ours, beyond | bound | verdict |',
+            '|---|---|---|---|---|---|---|', *headlines, '', *_summary(rows, held), '']
     (folder / PAGE).write_text('\n'.join([*head, *sections]).rstrip() + '\n')
     return rows
 
@@ -140,28 +145,32 @@ def _state(paper: Paper, claim: Claim, records: Sequence[dict], pictures: Sequen
     return row(claim.state, claim.why, True)
 
 
-def _headlines(paper: Paper, records: Sequence[dict]) -> Iterator[str]:
-    """Yield a line for each main figure of a paper; a case without a row is a KeyError."""
+def _headlines(paper: Paper, records: Sequence[dict], states: Sequence[ClaimRow]
+               ) -> Iterator[str]:
+    """Yield a line for each main figure; one without a row or a claim is an error."""
     by_case = {record['case']: record for record in records}
-    judged = [record for record in records if record['holds'] is not None]
-    verdict = f'{sum(record["holds"] for record in judged)} of {len(judged)} rows hold'
     link = f'[{paper.name}](#{paper.name.lower().replace(" ", "-")})'
     for case in paper.headlines:
         row = by_case[case]
-        figures = [f'{value:.4g}' if isinstance(value, float) else str(value)
-                   for value in (row['paper'], row['as_published'])]
+        state = next(state.state for claim, state in zip(paper.claims, states, strict=True)
+                     if claim.rows and re.search(claim.rows, case))
+        figures = ['-' if value is None else
+                   f'{value:.4g}' if isinstance(value, float) else str(value)
+                   for value in (row['paper'], row['as_published'], row.get('beyond'))]
         unit = f' ({row["unit"]})' if row['unit'] else ''
-        yield f'| {link} | {" | ".join(map(escaped, (case + unit, *figures, verdict)))} |'
+        cells = (case + unit, *figures, row['bound'], state)
+        yield f'| {link} | {" | ".join(map(escaped, cells))} |'
 
 
-def _summary(rows: Sequence[ClaimRow]) -> Iterator[str]:
-    """Yield a table of the number of claims of each paper in each state."""
+def _summary(rows: Sequence[ClaimRow], held: dict[str, str]) -> Iterator[str]:
+    """Yield a table of the claims of each paper in each state, and the rows that hold."""
     states = list(dict.fromkeys(row.state for row in rows))
-    yield f'| paper | {" | ".join(states)} |'
-    yield f'|---|{"---|" * len(states)}'
+    yield f'| paper | {" | ".join(states)} | rows that hold |'
+    yield f'|---|{"---|" * len(states)}---|'
     for paper in PAPERS:
         own = [row.state for row in rows if row.paper == paper.name]
-        yield f'| {paper.name} | {" | ".join(str(own.count(state) or "") for state in states)} |'
+        counts = (str(own.count(state) or '') for state in states)
+        yield f'| {paper.name} | {" | ".join(counts)} | {held[paper.name]} |'
 
 
 def _paper_section(paper: Paper, states: Sequence[ClaimRow]) -> Iterator[str]:

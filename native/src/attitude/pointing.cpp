@@ -11,7 +11,7 @@ constexpr double LEAST_FLOW_PX_S = 10.0;
 
 }  // namespace
 
-Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
+Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &correlated,
                             const Vector3 *rate_rad_s) {
     Matrix<3, 2> turn{{{0.0, 1 / lens.fy}, {-1 / lens.fx, 0.0}, {0.0, 0.0}}};
     if (rate_rad_s != nullptr) {
@@ -21,13 +21,13 @@ Matrix3 pointing_covariance(const Lens &lens, const Covariance2 &common,
         turn[2][0] = w[2] * flow[0] / square;
         turn[2][1] = w[2] * flow[1] / square;
     }
-    const Matrix<2, 2> C{{{common.uu, common.uv}, {common.uv, common.vv}}};
+    const Matrix<2, 2> C{{{correlated.uu, correlated.uv}, {correlated.uv, correlated.vv}}};
     Matrix3 P = turn * C * transposed(turn);
     P[2][2] *= 2;
     return P;
 }
 
-bool correlated_error(const st_centroid *centroids, int count, Covariance2 &common) {
+bool correlated_error(const st_centroid *centroids, int count, Covariance2 &correlated) {
     const st_centroid *largest = nullptr;
     bool any = false;
     for (const st_centroid *one = centroids; one < centroids + count; ++one) {
@@ -38,7 +38,7 @@ bool correlated_error(const st_centroid *centroids, int count, Covariance2 &comm
         }
     }
     if (any) {
-        common = common_of(*largest);
+        correlated = correlated_error_of(*largest);
     }
     return any;
 }

@@ -145,7 +145,7 @@ void set_none(Extraction &found, const st_reason &reason) {
 
 }  // namespace
 
-bool Extraction::has_common_error() const {
+bool Extraction::has_correlated_error() const {
     for (const st_centroid &star : stars) {
         if (star.common_uu_px2 != 0.0 || star.common_uv_px2 != 0.0 || star.common_vv_px2 != 0.0) {
             return true;
@@ -540,12 +540,12 @@ void Extractor::finish(const Frame &frame, double sigma_px, int most, Extraction
     sort_by_flux(stars, arena);
     stars.count = stars.count < most ? stars.count : most;
     const double middle = (frame.image.height - 1) / 2.0;
-    const Matrix2 common = correlated_error(frame, sigma_px, found, arena);
+    const Matrix2 correlated = correlated_error(frame, sigma_px, found, arena);
     for (st_centroid &star : stars) {
         star.delay_s = line_time_s_ != 0.0 ? (star.v_px - middle) * line_time_s_ : 0.0;
-        star.common_uu_px2 = common[0][0];
-        star.common_uv_px2 = common[0][1];
-        star.common_vv_px2 = common[1][1];
+        star.common_uu_px2 = correlated[0][0];
+        star.common_uv_px2 = correlated[0][1];
+        star.common_vv_px2 = correlated[1][1];
     }
     found.background_dn = frame.background_dn();
     found.noise_dn = frame.noise_dn();

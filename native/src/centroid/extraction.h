@@ -45,7 +45,7 @@ struct Extraction {
     Streak streak;
 
     /// Whether the stars share an error: of motion that is not uniform in the exposure.
-    bool has_common_error() const;
+    bool has_correlated_error() const;
 
     /// Return the length of the streaks in the middle of the image, zero for points.
     double streak_px() const { return streaked ? streak.length_px() : 0.0; }

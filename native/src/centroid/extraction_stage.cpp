@@ -38,7 +38,7 @@ void clear(Extraction &extraction) {
 ExtractionStage::Shown ExtractionStage::Shown::of(const Extraction &extraction) {
     return {true,
             extraction.streaked,
-            extraction.has_common_error(),
+            extraction.has_correlated_error(),
             extraction.streak,
             extraction.stars.count,
             extraction.streak_px(),
@@ -305,7 +305,7 @@ void ExtractionStage::learn(const Extraction &extraction, const Expected &expect
 
 /// Learn exposure time and shape of the stars from the streak that an image shows.
 void ExtractionStage::learn_shown(const Shown &shown, const Expected &expected) {
-    if (shown.streaked && shown.has_common_error) {
+    if (shown.streaked && shown.has_correlated_error) {
         return;
     }
     const MaybeStreak before = unexplained_;
@@ -327,7 +327,7 @@ void ExtractionStage::learn_shown(const Shown &shown, const Expected &expected) 
 /// Learn the exposure time from a streak that the image shows; few stars may err. An image of
 /// motion that is not uniform shows no time.
 void ExtractionStage::learn_exposure(const Shown &shown, const Expected &expected) {
-    if (shown.has_common_error || !shown.streaked) {
+    if (shown.has_correlated_error || !shown.streaked) {
         return;
     }
     const double exposure_s = expected.exposure_s(shown.streak);

@@ -49,7 +49,7 @@ public:
 private:
     /// The streak of an image, how many stars it has, and the width of these.
     struct Shown {
-        bool any, streaked, has_common_error;
+        bool any, streaked, has_correlated_error;
         Streak streak;
         int stars;
         double streak_px, psf_sigma_px;

@@ -114,10 +114,10 @@ st_trusted TrustStage::from_stars(int64_t stamp_ns, const st_centroid *centroids
     }
     TrustedAttitude found =
         validator.solve(known, stars, observer_error(), residuals_.item, arena);
-    Covariance2 common;
-    if (found.reason.code == ST_REASON_TRUSTED && correlated_error(centroids, count, common)) {
-        if (is_finite(common)) {
-            found.covariance = found.covariance + pointing_covariance(lens_, common, nullptr);
+    Covariance2 correlated;
+    if (found.reason.code == ST_REASON_TRUSTED && correlated_error(centroids, count, correlated)) {
+        if (is_finite(correlated)) {
+            found.covariance = found.covariance + pointing_covariance(lens_, correlated, nullptr);
         } else {
             found.reason = reason_of(ST_REASON_STARS_NOT_FINITE, {});
         }

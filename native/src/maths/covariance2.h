@@ -35,14 +35,14 @@ inline Covariance2 error_of(const st_centroid &centroid, double floor_px2) {
 
 /// Return the error that all centroids (count) of a frame share, that of the largest; zero for none.
 inline Covariance2 correlated_error(const st_centroid *centroids, int count) {
-    Covariance2 common{};
+    Covariance2 correlated{};
     for (int j = 0; j < count; ++j) {
         const st_centroid &one = centroids[j];
-        if (one.common_uu_px2 + one.common_vv_px2 > common.uu + common.vv) {
-            common = {one.common_uu_px2, one.common_uv_px2, one.common_vv_px2};
+        if (one.common_uu_px2 + one.common_vv_px2 > correlated.uu + correlated.vv) {
+            correlated = {one.common_uu_px2, one.common_uv_px2, one.common_vv_px2};
         }
     }
-    return common;
+    return correlated;
 }
 
 }  // namespace st

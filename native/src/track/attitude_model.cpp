@@ -140,7 +140,7 @@ AttitudeModel::AttitudeModel(const st_config &config, const Lens &lens)
 
 void AttitudeModel::clear() {
     uses_gyro_ = has_measured_ = false;
-    common_ = {};
+    correlated_ = {};
     shutter_rad_ = {};
     frames_ = diverged_ = 0;
     jump_ = {};
@@ -331,10 +331,10 @@ AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Centroid
     made.error = error;
     made.scaled = scaled_error;
     made.delay_s = made.rolling ? delay_s : nullptr;
-    Covariance2 common;
-    made.has_common = correlated_error(frame.centroid, frame.count, common);
-    if (made.has_common) {
-        made.common = pointing_covariance(lens_, common, &state_.rate_rad_s);
+    Covariance2 correlated;
+    made.has_correlated = correlated_error(frame.centroid, frame.count, correlated);
+    if (made.has_correlated) {
+        made.correlated = pointing_covariance(lens_, correlated, &state_.rate_rad_s);
     }
     return made;
 }
@@ -343,8 +343,8 @@ AttitudeModel::Measured AttitudeModel::measured(int64_t stamp_ns, const Centroid
 Correction AttitudeModel::corrected(const Hypothesis &hypothesis, const Measured &measured,
                                     Arena &arena) const {
     AttitudeState predicted = hypothesis.state;
-    if (measured.has_common) {
-        add_block(measured.common, 0, predicted.covariance);
+    if (measured.has_correlated) {
+        add_block(measured.correlated, 0, predicted.covariance);
     }
     const CentroidFrame &frame = measured.frame;
     auto *uv = arena.take<Point>(static_cast<size_t>(frame.count));
@@ -378,7 +378,7 @@ void AttitudeModel::use(const Explanation &confirmed, const Measured &measured, 
     const Correction &correction = confirmed.correction;
     const AttitudeState before = state_;
     const bool was_used = uses_gyro_;
-    common_ = measured.common;
+    correlated_ = measured.correlated;
     update_by(confirmed, measured);
     set_motion(hypothesis.uses_gyro);
     doubt_jump(before, hypothesis, measured.frame);
@@ -397,7 +397,7 @@ void AttitudeModel::use(const Explanation &confirmed, const Measured &measured, 
         {before.stamp_ns, before.quaternion, before.rate_rad_s},
         {hypothesis.state.stamp_ns, hypothesis.state.quaternion, hypothesis.state.rate_rad_s},
         {state_.stamp_ns, state_.quaternion, state_.rate_rad_s}, correction.turn,
-        correction.turn_covariance + measured.common, jitter_);
+        correction.turn_covariance + measured.correlated, jitter_);
     follow_tracks(correction, measured, acceleration_of(motion_), true, bank, update, arena);
 
     double least_px = INFINITY;
@@ -452,11 +452,11 @@ void AttitudeModel::update_by(const Explanation &confirmed, const Measured &meas
     const AttitudeState &state = hypothesis.state;
     has_measured_ = true;
     measured_quaternion_ = turned(state.quaternion, correction.turn);
-    measured_covariance_ = correction.turn_covariance + measured.common;
+    measured_covariance_ = correction.turn_covariance + measured.correlated;
     if (hypothesis.motion == nullptr) {
         next_ = motion_;
         AttitudeState after = correction.state;
-        add_block(measured.common, 0, after.covariance);
+        add_block(measured.correlated, 0, after.covariance);
         restart_motion(after, next_);
     } else {
         // An acceleration shows in rows, less the one that was assumed, and in streaks.
@@ -474,9 +474,9 @@ void AttitudeModel::update_by(const Explanation &confirmed, const Measured &meas
         }
         // The stars show the pointing up to the error that they share, however the body moved.
         next_ = *hypothesis.motion;
-        add_turn_error(measured.common, next_);
+        add_turn_error(measured.correlated, next_);
         update_motion(seen, next_);
-        add_turn_error(measured.common, next_);
+        add_turn_error(measured.correlated, next_);
     }
     measure_motion(motion_.stamp_ns, measured_quaternion_, correction.turn_covariance, next_);
 }
@@ -720,13 +720,13 @@ st_budget AttitudeModel::budget(const Matrix3 &own, bool of_frame) const {
         return budget;
     }
     set(outer(shutter_rad_, shutter_rad_), budget.shutter);
-    set(common_, budget.exposure);
+    set(correlated_, budget.exposure);
     if (of_frame) {
-        set(own - common_, budget.stars);
+        set(own - correlated_, budget.stars);
         return budget;
     }
     const Matrix3 motion = own - block(state_.covariance, 0, 0);
-    set(own - motion - common_, budget.stars);
+    set(own - motion - correlated_, budget.stars);
     set(motion, budget.motion);
     return budget;
 }

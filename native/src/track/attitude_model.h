@@ -125,8 +125,8 @@ private:
         const Covariance2 *error;  // of the centroids, unscaled,
         const Covariance2 *scaled;
         const double *delay_s;  // null without a rolling shutter
-        Matrix3 common;         // rad^2
-        bool has_common;
+        Matrix3 correlated;     // rad^2
+        bool has_correlated;
         const SkyFile *sky;
         Arena *work;
     };
@@ -172,7 +172,7 @@ private:
     Matrix<6, 6> covariance_{};  // of turn and rate, with errors outside the filter
     bool uses_gyro_ = false, has_measured_ = false;
     Quaternion measured_quaternion_{};
-    Matrix3 measured_covariance_{}, common_{};
+    Matrix3 measured_covariance_{}, correlated_{};
     Vector3 shutter_rad_{};
     int frames_ = 0, diverged_ = 0;
     ErrorScale scale_{};

@@ -33,7 +33,7 @@ bool is_usable(const st_centroid &one, double floor_px) {
     const Covariance2 error = error_of(one, floor_px * floor_px);
     return std::isfinite(one.u_px + one.v_px + one.delay_s) && std::isfinite(one.sigma_px) &&
            one.sigma_px > 0 && is_finite({one.cov_uu_px2, one.cov_uv_px2, one.cov_vv_px2}) &&
-           determinant(error) > 0 && is_finite(common_of(one));
+           determinant(error) > 0 && is_finite(correlated_error_of(one));
 }
 
 TrackedAttitude attitude_of(const IdentifiedFrame &frame) {

@@ -70,11 +70,23 @@ def test_the_page_has_claims_rows_conditions_and_pictures(folder):
 def test_the_first_table_has_a_row_of_each_paper_with_the_figures_of_its_result(folder):
     papers.write_page(folder)
     page = (folder / papers.PAGE).read_text()
-    assert ('| [A paper](#a-paper) | first \\| row (px) | > 1 | 2 | 3 of 4 rows hold |'
+    assert ('| [A paper](#a-paper) | first \\| row (px) | > 1 | 2 | - |  | reproduced |'
             in page.replace('&gt;', '>'))
+    assert '| A paper | 2 | 1 | 1 | 2 | 1 | 1 | 1 | 3 of 4 |' in page
     (folder / papers.RESULTS / 'quad.json').write_text(json.dumps({'rows': ROWS[1:]}))
     with pytest.raises(KeyError, match='first'):
         papers.write_page(folder)
+
+
+def test_the_verdict_on_a_figure_is_that_of_its_claim(folder):
+    result = folder / papers.RESULTS / 'quad.json'
+    document = json.loads(result.read_text())
+    document['rows'][0]['holds'] = False
+    result.write_text(json.dumps(document))
+    papers.write_page(folder)
+    line = next(line for line in (folder / papers.PAGE).read_text().splitlines()
+                if line.startswith('| [A paper]'))
+    assert line.endswith('| does not hold |')
 
 
 def test_campaigns_that_are_not_run_keep_their_result(folder, monkeypatch):
