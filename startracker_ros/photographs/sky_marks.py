@@ -73,9 +73,11 @@ def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, labels: Labe
 
 
 def mark_magnitudes(picture: np.ndarray, spots: Sequence[Uncatalogued], labels: Labels) -> None:
-    """Write the magnitude of each spot, whose circle is that of a detection."""
+    """Draw a circle around each spot and write its magnitude."""
     for spot in spots:
-        labels.write(picture, f'V {spot.magnitude:.1f}', (round(spot.u), round(spot.v)), FOUND)
+        centre, radius = (round(spot.u), round(spot.v)), round(12 * labels.size)
+        cv2.circle(picture, centre, radius, FOUND, labels.thick, cv2.LINE_AA)
+        labels.write(picture, f'V {spot.magnitude:.1f}', centre, FOUND, radius)
 
 
 def mark_deep_sky(picture: np.ndarray, sky: SkyMapping, objects: Sequence[DeepSkyObject],

@@ -215,11 +215,14 @@ class Solution(Summarised):
             Brightest first, each with `u`, `v` (px), `ra_deg`, `dec_deg` (ICRS) and `magnitude` (V
             by the identified stars, of a saturated one too faint). They are brighter than half of
             the identified stars: a planet where the time of the image is unknown, a comet, a
-            nova, a satellite, a nebula, a lamp or a hot pixel.
+            nova, a satellite, a nebula, a lamp, a letter.
 
         """
-        return () if self.sky is None else uncatalogued(
-            self.centroids, self.identification, self.sky, self.epoch_year, self.bodies)
+        if self.sky is None or self.photograph is None:
+            return ()
+        return uncatalogued(
+            self.photograph.image, self.centroids, self.identification, self.sky,
+            self.epoch_year, self.bodies)
 
     def annotate(self, name: str = '', *, deep_sky: bool = False) -> np.ndarray:
         """

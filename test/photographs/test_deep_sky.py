@@ -14,14 +14,13 @@ from startracker_ros.core.maths.rotation import quaternion_from_pointing, unit_f
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.photographs.deep_sky import deep_sky_in
 from startracker_ros.photographs.picture import annotated
-from startracker_ros.photographs.sky_marks import DEEP_SKY
 from startracker_ros.photographs.solve import Outputs, solve_files
 
 # (ra_deg, dec_deg, field in deg) and what has to be there: catalogued places known to anyone.
 FIELDS = {
     'Andromeda': (10.7, 41.3, 11.0, ['M 31', 'M 110', 'M 32'], ['NGC 224', 'NGC 205']),
     'sword of Orion': (83.8, -5.0, 1.3, ['M 42', 'M 43', 'NGC 1977'], ['NGC 1976']),
-    'all around the pole': (0.0, 89.0, 4.0, ['NGC 188'], []),
+    'all around the pole': (0.0, 89.0, 12.0, ['NGC 188'], []),
     'across 0 h, from the west': (358.0, 57.0, 12.0, ['NGC 7789', 'M 52'], []),
     'across 0 h, from the east': (2.0, 57.0, 12.0, ['NGC 7789'], ['M 31'])}
 
@@ -48,7 +47,7 @@ def test_a_field_has_only_as_many_names_as_it_has_room_for(fov_deg):
         sky = sky_at(ra_deg, dec_deg, fov_deg)
         found = deep_sky_in(sky)
         assert len(found) <= 40
-        assert sky.camera.contains(sky.pixels(np.array([one.direction for one in found]))).all()
+        assert all(sky.camera.contains(sky.pixels(one.direction[None])).all() for one in found)
         assert all(2 * one.semi_axes_rad[0] > np.radians(fov_deg) / 70 or one.name[0] == 'M'
                    for one in found)
 
@@ -73,8 +72,8 @@ def test_the_outline_of_andromeda_is_along_its_axis():
     with_it = annotated(black, *nothing, sky, 2026.5, deep_sky=[m31])
     without = annotated(black, *nothing, sky, 2026.5)
     u, v = sky.pixels(outline).round().astype(int).T
-    assert (with_it[v, u] == DEEP_SKY).all(axis=1).mean() > 0.5
-    assert not (without[v, u] == DEEP_SKY).all(axis=1).any()
+    assert (with_it[v, u] != without[v, u]).any(axis=1).mean() > 0.9
+    assert not (with_it != without)[:100].any()
 
 
 def test_a_photograph_has_the_bubble_nebula_and_its_caption(sky_data, tmp_path):
@@ -94,6 +93,6 @@ def test_a_photograph_has_the_bubble_nebula_and_its_caption(sky_data, tmp_path):
 
 def test_without_the_library_it_is_said_before_work(sky_data, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'pyongc', None)
-    with pytest.raises(MissingLibraryError, match='Naming deep-sky objects needs PyOngc') as caught:
+    with pytest.raises(MissingLibraryError, match='Naming deep-sky objects needs Py') as caught:
         solve_files([sky_data / 'none.png'], outputs=Outputs(tmp_path, deep_sky=True))
     assert install_hint('deep-sky') in str(caught.value)

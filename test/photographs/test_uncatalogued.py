@@ -14,6 +14,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import radec_from_unit
+from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.table import show
 from startracker_ros.photographs.arrays import solve
@@ -47,8 +48,7 @@ def test_a_planet_is_listed_where_the_time_is_unknown_and_named_where_it_is_know
     one, = row['uncatalogued']
     ra_deg, dec_deg = np.degrees(radec_from_unit(direction))
     # Within the error of the positions of planets.
-    assert (one['ra_deg'] - ra_deg) % 360 == pytest.approx(0, abs=0.02)
-    assert one['dec_deg'] == pytest.approx(dec_deg, abs=0.02)
+    assert (one['ra_deg'], one['dec_deg']) == pytest.approx((ra_deg % 360, dec_deg), abs=0.02)
     # The flux of a saturated planet is a lower limit.
     assert -3.0 < one['magnitude'] < 4.0
     assert result.conditions['uncatalogued'].startswith('sky.png: 1 brighter than V ')
@@ -85,13 +85,6 @@ def test_a_nova_is_listed_and_stars_are_not(sky_data):
         assert seen.annotate().shape[0] > alone.annotate().shape[0]
 
 
-def test_a_hot_pixel_of_a_camera_is_at_the_same_pixel_of_every_image(sky_data):
-    """Another use of the list: nothing says that these are of the sky."""
-    found = [solve(path, 6.08, 2018.35).uncatalogued for path in
-             sorted((sky_data / 'night-sky-6deg').glob('img[356].png'))]
-    assert all(np.hypot(one.u - 45, one.v - 403) < 2 for one, in found)
-
-
 def test_the_moon_is_where_the_site_sees_it(tmp_path):
     site = Site(-30.0, -70.0, 2400.0)
     moon = BODIES.index('Moon')
@@ -100,7 +93,6 @@ def test_the_moon_is_where_the_site_sees_it(tmp_path):
     assert np.degrees(np.linalg.norm(seen.direction[moon] - centre)) > 0.2
     frame = frame_at(seen.direction[moon], planets=False)
     image, q = frame.image.copy(), frame.state.q_icrf_from_sensor
-    from startracker_ros.core.stages.sky_mapping import SkyMapping
     u, v = SkyMapping(CAMERA, q).pixels(seen.direction[moon][None])[0]
     radius = float(seen.radius_rad[moon]) / CAMERA.pixel_rad
     cv2.circle(image, (round(u), round(v)), round(radius), 255, -1)
