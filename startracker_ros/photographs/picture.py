@@ -11,7 +11,10 @@ import numpy as np
 from startracker_ros.core.stages.annotate import annotate, Labels, mark_bodies
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs.sky_marks import mark_figures, mark_named_stars, mark_scale
+from startracker_ros.photographs.deep_sky import DeepSkyObject
+from startracker_ros.photographs.sky_marks import (
+    mark_deep_sky, mark_figures, mark_magnitudes, mark_named_stars, mark_scale)
+from startracker_ros.photographs.uncatalogued import Uncatalogued
 
 
 Colour = tuple[int, int, int]
@@ -20,13 +23,14 @@ _FONT, _SMALLEST_TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.5
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
-              year: float, bodies: tuple[BodyInImage, ...] = (), share: float = 1.0
+              year: float, bodies: tuple[BodyInImage, ...] = (), share: float = 1.0,
+              deep_sky: Sequence[DeepSkyObject] = (), unknown: Sequence[Uncatalogued] = ()
               ) -> np.ndarray:
     """
     Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is.
 
     uv (N, 2) are its spots, hip (N,) their Hipparcos numbers, 0 for none; sky is None where the
-    attitude is unknown. share is that of Labels.
+    attitude is unknown. share is that of Labels. Of the spots unknown the magnitude is written.
     """
     labels = Labels(image.shape, uv, share)
     # Names come first, so that no number covers them.
@@ -35,6 +39,8 @@ def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMappin
         mark_scale(overlay, sky, labels)
         mark_figures(overlay, sky, year, labels)
         mark_bodies(overlay, bodies, labels)
+        mark_magnitudes(overlay, unknown, labels)
+        mark_deep_sky(overlay, sky, deep_sky, labels)
         mark_named_stars(overlay, sky, year, hip, labels)
     return np.maximum(annotate(image, uv, hip, labels=labels), overlay)
 

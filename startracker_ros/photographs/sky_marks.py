@@ -3,16 +3,20 @@
 
 """What an annotated picture has besides its spots: names, figures, scale, north and east."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.catalog.constellations import FIGURES, NAMES
 from startracker_ros.core.catalog.names import STAR_NAMES
 from startracker_ros.core.catalog.stars import load_catalog
-from startracker_ros.core.stages.annotate import Labels
+from startracker_ros.core.stages.annotate import FOUND, Labels
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.photographs.deep_sky import DeepSkyObject
+from startracker_ros.photographs.uncatalogued import Uncatalogued
 
-NAMED, _SCALE = (150, 190, 255), (235, 235, 235)
+NAMED, DEEP_SKY, _SCALE = (150, 190, 255), (225, 150, 255), (235, 235, 235)
 _LINE = (70, 95, 140)
 # Lines end so far from their stars, at most by a share of their length. They have so many points,
 # for distorted images.
@@ -66,6 +70,32 @@ def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, labels: Labe
         if len(points):
             middle = np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()
             labels.write(picture, NAMES[name], _point(points[middle]), NAMED)
+
+
+def mark_magnitudes(picture: np.ndarray, spots: Sequence[Uncatalogued], labels: Labels) -> None:
+    """Draw a circle around each spot and write its magnitude."""
+    for spot in spots:
+        centre, radius = (round(spot.u), round(spot.v)), round(12 * labels.size)
+        cv2.circle(picture, centre, radius, FOUND, labels.thick, cv2.LINE_AA)
+        labels.write(picture, f'V {spot.magnitude:.1f}', centre, FOUND, radius)
+
+
+def mark_deep_sky(picture: np.ndarray, sky: SkyMapping, objects: Sequence[DeepSkyObject],
+                  labels: Labels) -> None:
+    """Draw the outline of each object, or a circle if it is small, and its designation."""
+    least = 12 * labels.size
+    for one in objects:
+        centre, outline = sky.pixels(one.direction[None])[0], sky.pixels(one.outline())
+        radius = float(np.linalg.norm(outline - centre, axis=1).max())
+        if radius < least:
+            cv2.circle(picture, _point(centre), round(least), DEEP_SKY, labels.thick, cv2.LINE_AA)
+        elif np.isfinite(outline).all():
+            cv2.polylines(picture, [np.rint(outline * 2 ** _SHIFT).astype(np.int32)], True,
+                          DEEP_SKY, labels.thick, cv2.LINE_AA, _SHIFT)
+        # A name outside of a large outline may have no place in the image.
+        if not labels.write(picture, one.name, _point(centre), DEEP_SKY,
+                            round(np.nanmax([radius, least]))):
+            labels.write(picture, one.name, _point(centre), DEEP_SKY)
 
 
 def mark_scale(picture: np.ndarray, sky: SkyMapping, labels: Labels) -> None:

@@ -4,6 +4,7 @@
 """What one image shows: its stars, attitude and camera."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -16,11 +17,14 @@ from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.values import Summarised
 from startracker_ros.io.images.images import Photograph
+from startracker_ros.photographs.deep_sky import deep_sky_in
 from startracker_ros.photographs.picture import annotated, captioned, Colour, TEXT
 from startracker_ros.photographs.sip import Cards, image_wcs
-from startracker_ros.photographs.sky_marks import NAMED
+from startracker_ros.photographs.sky_marks import DEEP_SKY, NAMED
+from startracker_ros.photographs.uncatalogued import Uncatalogued, uncatalogued
 
 MIN_STARS = 4
+_MOST_LISTED = 4  # of the uncatalogued, below a picture
 _FARTHEST_STARS = 1.15  # so much farther than its stars the lens of a fisheye is known
 
 STAR = np.dtype([
@@ -202,24 +206,48 @@ class Solution(Summarised):
             stars[name] = column
         return stars
 
-    def annotate(self, name: str = '') -> np.ndarray:
+    @cached_property
+    def uncatalogued(self) -> tuple[Uncatalogued, ...]:
+        """
+        Bright detections without a catalogue star, a planet, the Moon or the Sun there.
+
+        Returns:
+            Brightest first, each with `u`, `v` (px), `ra_deg`, `dec_deg` (ICRS) and `magnitude` (V
+            by the identified stars, of a saturated one too faint). They are brighter than half of
+            the identified stars: a planet where the time of the image is unknown, a comet, a
+            nova, a satellite, a nebula, a lamp, a letter.
+
+        """
+        if self.sky is None or self.photograph is None:
+            return ()
+        return uncatalogued(
+            self.photograph.image, self.centroids, self.identification, self.sky,
+            self.epoch_year, self.bodies)
+
+    def annotate(self, name: str = '', *, deep_sky: bool = False) -> np.ndarray:
         """
         Draw the image with its stars, constellations and planets, as `solve --annotate` does.
 
         Args:
             name: What stands before the pointing in the text below the image.
+            deep_sky: Whether Messier, NGC and IC objects are named.
 
         Returns:
             Picture (H', W, 3) uint8 in the order red, green, blue, upright, with H' > H for the
             text. Without an attitude it has the detections alone, and the reason.
 
+        Raises:
+            MissingLibraryError: deep_sky without the library PyOngc.
+
         """
         assert self.photograph is not None
+        objects = deep_sky_in(self.sky) if deep_sky and self.sky is not None else []
         picture = annotated(self.photograph.image, self.centroids.uv, self.identification.hip,
-                            self.sky, self.epoch_year, self.bodies)
-        return captioned(picture, self._caption(name))
+                            self.sky, self.epoch_year, self.bodies, deep_sky=objects,
+                            unknown=self.uncatalogued)
+        return captioned(picture, self._caption(name, bool(objects)))
 
-    def _caption(self, name: str) -> list[tuple[str, Colour]]:
+    def _caption(self, name: str, deep_sky: bool) -> list[tuple[str, Colour]]:
         """Return what stands below a picture: what it shows, and what its marks mean."""
         field = '' if np.isnan(self.fov_deg) else f'field {self.fov_deg:.3f} deg, '
         found = (f'RA {self.ra_deg:.4f} deg, Dec {self.dec_deg:+.4f} deg, roll '
@@ -233,7 +261,16 @@ class Solution(Summarised):
                       ('blue: constellations, bright stars that are not identified', NAMED)]
         if self.bodies:
             lines.append(('yellow circle: planet, Moon or Sun', BODY))
-        return [*lines, ('orange circle: spot that is not identified', FOUND)]
+        if deep_sky:
+            lines.append(('violet: Messier, NGC and IC objects', DEEP_SKY))
+        lines.append(('orange circle: spot that is not identified', FOUND))
+        if self.uncatalogued:
+            places = [f'V {one.magnitude:.1f} at RA {one.ra_deg:.4f}, Dec {one.dec_deg:+.4f} deg'
+                      for one in self.uncatalogued[:_MOST_LISTED]]
+            more = len(self.uncatalogued) - len(places)
+            lines.append((f'orange with a magnitude: bright, without a catalogue star: '
+                          f'{"; ".join(places)}{f"; {more} more" if more else ""}', FOUND))
+        return lines
 
     def wcs(self) -> Cards:
         """

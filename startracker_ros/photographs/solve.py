@@ -37,6 +37,7 @@ from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.progress import progress
 from startracker_ros.io.several_files import OneOfSeveral
 from startracker_ros.io.table import Result
+from startracker_ros.photographs.deep_sky import check_deep_sky
 from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.photographs.hot_clusters import without_clusters
 from startracker_ros.photographs.photograph import PhotographSolver
@@ -47,8 +48,8 @@ from startracker_ros.photographs.tiled import Place
 from startracker_ros.photographs.tiles import TiledCatalogue
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s', 'cpu_ms',
-           'written', 'not_written')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'uncatalogued',
+           'frame', 'time_s', 'cpu_ms', 'written', 'not_written')
 """Columns that are too wide for the terminal."""
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
@@ -139,13 +140,24 @@ def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: Apparent
 
 @dataclass(frozen=True)
 class Outputs:
-    """Folders of annotated pictures and of FITS headers, None for no such files."""
+    """
+    Folders of annotated pictures and of FITS headers, None for no such files.
+
+    With deep_sky the pictures name Messier, NGC and IC objects.
+    """
 
     annotate_folder: Path | None = None
     wcs_folder: Path | None = None
+    deep_sky: bool = False
 
     def check(self) -> None:
-        """Make the folders; OutputError where that fails, before long work and not after it."""
+        """
+        Make the folders, before long work and not after it.
+
+        OutputError where that fails, MissingLibraryError for deep_sky without its library.
+        """
+        if self.deep_sky:
+            check_deep_sky()
         for folder in (self.annotate_folder, self.wcs_folder):
             if folder is not None:
                 output_folder(folder)
@@ -163,8 +175,9 @@ class Outputs:
     def _write_picture(self, name: str, solution: Solution) -> Path | None:
         if self.annotate_folder is None:
             return None
+        picture = solution.annotate(name, deep_sky=self.deep_sky)
         # In memory: OpenCV reports a full disk on stderr alone.
-        content = cv2.imencode('.png', solution.annotate(name)[..., ::-1])[1].tobytes()
+        content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
         return _written(self.annotate_folder / f'{name}.png', content)
 
     def _write_wcs(self, name: str, solution: Solution) -> Path | None:
@@ -207,6 +220,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
     rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
+    unknown = list[str]()
     written = list[Path]()
     for shot in progress(shots(paths, output_names(paths), selection), 'solve',
                          None if any(map(is_video, paths)) else len(paths),
@@ -233,6 +247,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
                            f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
+        if spots := solution.uncatalogued:
+            unknown.append(f'{shot.label}: {len(spots)} brighter than V '
+                           f'{max(one.magnitude for one in spots) + 0.05:.1f}')
         files = list[Path]()
         row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
         for write in outputs.writers:
@@ -249,6 +266,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         **fit, **({'mirror': True} if mirror else {}),
         **({'fov_deg': '; '.join(dropped)} if dropped else {}),
         **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
+        **({'uncatalogued': '; '.join(unknown)} if unknown else {}),
         **({'written': _files_text(written)} if written else {}),
         'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
@@ -371,6 +389,7 @@ def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[st
                false_alarm_probability=solution.false_alarm)
     row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
                      for body in solution.bodies]
+    row['uncatalogued'] = [one._asdict() for one in solution.uncatalogued]
     attitude, camera = solution.identification.attitude, solution.camera
     if attitude is not None:
         row.update({name: getattr(solution, name) for name in numbers})

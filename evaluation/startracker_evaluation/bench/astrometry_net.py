@@ -4,8 +4,8 @@
 """
 astrometry.net (https://astrometry.net) on whole images, by its command solve-field.
 
-On Debian the packages astrometry.net and astrometry-data-tycho2-10-19; its settings are those of
-the package, and the field of view is given by limits of the width.
+On Debian the packages astrometry.net and astrometry-data-tycho2; its settings are those of the
+package, and the field of view is given by limits of the width.
 """
 
 from pathlib import Path
@@ -35,7 +35,7 @@ def is_installed() -> bool:
 def version() -> str:
     """Return the version, or what to install."""
     if not is_installed():
-        return f'absent: apt install {ASTROMETRY_NET} astrometry-data-tycho2-10-19'
+        return f'absent: apt install {ASTROMETRY_NET} astrometry-data-tycho2'
     shown = subprocess.run([COMMAND, '--version'], capture_output=True, text=True, timeout=30)
     return (shown.stdout + shown.stderr).split()[-1]
 

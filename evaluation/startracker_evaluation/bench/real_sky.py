@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Photographs with known answers: ours compared with tetra3rs, cedar-solve and astrometry.net.
+Photographs with known answers: ours compared with tetra3rs, cedar-solve, astrometry.net, ASTAP.
 
 Each solver is given the field of view with an error of up to 5 %, drawn for each image. Every
 solver of star lists gets the stars of every detection: `nodes` is the list that nodes and `solve
---camera` use, `ours` the longest of those that `startracker solve` tries. `startracker solve` and
-astrometry.net get the images, `blind` without the field of view. brightest_percent is the share
-of the twelve brightest catalogue stars of each image that `startracker solve` solved that a list
-has. `any of` counts an image as correct that at least one of the peers solves, each with its own
-detection.
+--camera` use, `ours` the longest of those that `startracker solve` tries. `startracker solve`,
+astrometry.net and ASTAP get the images, `blind` without the field of view. brightest_percent is
+the share of the twelve brightest catalogue stars of each image that `startracker solve` solved
+that a list has. `any of` counts an image as correct that at least one of the peers solves, each
+with its own detection.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,8 @@ import tempfile
 
 import numpy as np
 from scipy.spatial import cKDTree
-from startracker_evaluation.bench import astrometry_net
+from startracker_evaluation.bench import astap, astrometry_net
+from startracker_evaluation.bench.astap import ASTAP
 from startracker_evaluation.bench.astrometry_net import ASTROMETRY_NET
 from startracker_evaluation.bench.corpus import View
 from startracker_evaluation.bench.peers import CEDAR, Cedar, Tetra3rs
@@ -251,12 +252,16 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
     answers: dict[tuple[str, str], dict[int, Found]] = {}
     with tempfile.TemporaryDirectory() as folder:
         cedar = Cedar(cedar_python, folder) if cedar_python else None
+        astap_database = Path(folder) / ASTAP
+        if astap.is_installed():
+            astap_database.mkdir()
+            astap.write_database(astap_database)
         for group in dict.fromkeys((image.group, image.image.shape) for image in images):
             chosen = [k for k, image in enumerate(images)
                       if (image.group, image.image.shape) == group]
             group_images = [images[k] for k in chosen]
             for detection, solver, share, found in _group_answers(
-                    group_images, [cameras[k] for k in chosen], cedar):
+                    group_images, [cameras[k] for k in chosen], cedar, astap_database):
                 answers.setdefault((detection, solver), {}).update(zip(chosen, found))
                 rows.append(_row(group_images, group_images[0].group, detection, solver, found,
                                  share))
@@ -275,9 +280,10 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
         'given': f'the field of view, off by up to {FOV_ERROR:.0%}',
         'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
         'times': 'process CPU time of detection and solution, databases in memory; of '
-                 f'{ASTROMETRY_NET} that of its processes, --cpulimit '
-                 f'{astrometry_net.CPU_LIMIT_S}',
+                 f'{ASTROMETRY_NET} and {ASTAP} that of their processes, at most '
+                 f'{astrometry_net.CPU_LIMIT_S} s a search',
         **peer_versions(TETRA3RS), CEDAR: version, ASTROMETRY_NET: astrometry_net.version(),
+        ASTAP: astap.version(),
         'seed': seed})
 
 
@@ -288,8 +294,8 @@ def _best(image: Photograph, found: Sequence[Found]) -> Found:
             sum(time_s for _, time_s in found))
 
 
-def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
-                   ) -> Iterator[tuple[str, str, float | None, list[Found]]]:
+def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None,
+                   astap_database: Path) -> Iterator[tuple[str, str, float | None, list[Found]]]:
     """Yield detection, solver, brightest_percent and answers to the images of one camera."""
     whole, bright = _whole(images, cameras)
     yield WHOLE, OURS, None, whole
@@ -300,6 +306,12 @@ def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], ceda
             for image, given in zip(images, cameras)]
         yield ASTROMETRY_NET, ASTROMETRY_NET + BLIND, None, [
             astrometry_net.solve(image.image) for image in images]
+    if astap.is_installed():
+        yield ASTAP, ASTAP, None, [
+            astap.solve(image.image, astap_database, float(np.degrees(given.fov_y_rad)))
+            for image, given in zip(images, cameras)]
+        yield ASTAP, ASTAP + BLIND, None, [
+            astap.solve(image.image, astap_database) for image in images]
     detections: dict[str, list[tuple[float, Centroids]]] = {
         OURS: [cpu_timed(detect_ours, image.image) for image in images],
         NODES: [cpu_timed(detect_for_nodes, image.image) for image in images]}

@@ -90,8 +90,12 @@ class Labels:
         self._lines = np.vstack([self._lines, points])
 
     def write(self, picture: np.ndarray, text: str, centre: tuple[int, int],
-              colour: tuple[int, int, int], radius: int = 0) -> None:
-        """Write a label next to a mark, above or below it, unless it has no place there."""
+              colour: tuple[int, int, int], radius: int = 0) -> bool:
+        """
+        Write a label next to a mark, above or below it, unless it has no place there.
+
+        Return whether it has.
+        """
         (width, height), _ = cv2.getTextSize(text, _FONT, _LETTERS * self.size, self.thick)
         u, v = centre
         aside = max(round((_CIRCLE_PX + 3) * self.size), radius + round(4 * self.size))
@@ -106,6 +110,7 @@ class Labels:
             self._taken = np.vstack([self._taken, box + [-air, -air, air, air]])
             cv2.putText(picture, text, (int(box[0]), int(box[3])), _FONT, _LETTERS * self.size,
                         colour, self.thick, cv2.LINE_AA)
+        return bool(free)
 
     def corner(self, width: int, height: int, margin: int, *, right: bool) -> np.ndarray:
         """

@@ -142,13 +142,16 @@ Examples:
               'Python.  [default: all]')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path), metavar='FOLDER',
               help='Folder for a PNG of each image with the identified stars.')
+@click.option('--deep-sky', is_flag=True, help='Name Messier, NGC and IC objects in the PNG of '
+              '--annotate; needs PyOngc.')
 @click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path), metavar='FOLDER',
               help='Folder for a FITS header of each solved image: TAN-SIP, of fisheyes ZPN.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
-          selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
-          catalogue: Path | None, near_deg: tuple[float, float] | None, dark_file: Path | None,
+          selection: slice, annotate_folder: Path | None, deep_sky: bool,
+          wcs_folder: Path | None, as_json: bool, catalogue: Path | None,
+          near_deg: tuple[float, float] | None, dark_file: Path | None,
           **observer_site: Any) -> None:
     """
     Find attitude and lens of star IMAGES.
@@ -161,6 +164,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     if catalogue is not None and camera_file is not None:
         raise click.UsageError('give either --catalogue or --camera: with a catalogue the lens is '
                                'fitted')
+    if deep_sky and annotate_folder is None:
+        raise click.UsageError('--deep-sky is for pictures: give --annotate as well')
     if near_deg is not None and catalogue is None:
         raise click.UsageError('--near is for narrow fields: give --catalogue as well')
     if near_deg is not None and not (abs(near_deg[0]) <= 360 and abs(near_deg[1]) <= 90):
@@ -180,7 +185,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer_site=_observer_site(**observer_site),
                              mirror=mirror, selection=selection,
-                             outputs=Outputs(annotate_folder, wcs_folder),
+                             outputs=Outputs(annotate_folder, wcs_folder, deep_sky),
                              catalogue=catalogue, near_deg=near_deg, dark_file=dark_file,
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent,

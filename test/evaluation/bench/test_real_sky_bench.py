@@ -9,8 +9,10 @@ import shutil
 
 import numpy as np
 import pytest
-from startracker_evaluation.bench import astrometry_net
+from scipy.spatial import cKDTree
+from startracker_evaluation.bench import astap, astrometry_net
 from startracker_evaluation.bench.real_sky import run_real_sky_bench
+from startracker_ros.core.catalog.deep import load_deep_catalog
 from startracker_ros.core.maths.rotation import unit_from_radec
 
 FOLDER = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
@@ -60,3 +62,58 @@ def test_the_centre_that_astrometry_net_prints_is_that_of_the_image(one_known_im
 def test_without_its_index_files_it_is_absent_and_said(monkeypatch, tmp_path):
     monkeypatch.setattr(astrometry_net, 'INDEX_FILES', tmp_path)
     assert astrometry_net.version().startswith('absent: apt install astrometry.net')
+
+
+# What astap_cli 2022.11.11 wrote of the same image.
+INI = """PLTSOLVD=T
+CRPIX1= 5.1250000000000000E+002
+CRPIX2= 3.8450000000000000E+002
+CRVAL1= 2.3066087000000000E+002
+CRVAL2= 1.1031400000000000E+001
+"""
+
+
+def test_the_centre_that_astap_writes_is_that_of_the_image(one_known_image):
+    row = one_known_image[1]
+    known = unit_from_radec(*np.radians([float(row['ra_deg']), float(row['dec_deg'])]))
+    assert np.degrees(np.linalg.norm(astap.centre(INI) - known)) < 0.05
+    assert astap.centre('PLTSOLVD=F') is None
+
+
+def test_the_database_of_astap_has_every_star_once_in_its_area(tmp_path):
+    """Read as the comments of the source of ASTAP describe it."""
+    astap.write_database(tmp_path)
+    catalog = load_deep_catalog()
+    files = sorted(tmp_path.glob('v17_*.290'))
+    assert len(files) == 290
+    ra, dec, magnitude, area = [], [], [], []
+    for number, path in enumerate(files):
+        content = path.read_bytes()
+        assert content[109] == 5
+        records = np.frombuffer(content[110:], np.uint8).reshape(-1, 5).astype(int)
+        raw = records[:, 0] | records[:, 1] << 8 | records[:, 2] << 16
+        head = raw == 0xFFFFFF
+        assert head[0]
+        group = np.cumsum(head) - 1
+        high, tenths = records[head, 3] - 128, records[head, 4] - 16
+        star = ~head
+        ra.append(raw[star] * 2 * np.pi / (2 ** 24 - 1))
+        dec.append((high[group[star]] * 65536 + records[star, 4] * 256 + records[star, 3])
+                   * np.pi / 2 / (2 ** 23 - 1))
+        magnitude.append(tenths[group[star]] / 10)
+        assert (np.diff(magnitude[-1]) >= 0).all()
+        area.append(np.full(star.sum(), number))
+    ra, dec, magnitude, area = map(np.concatenate, (ra, dec, magnitude, area))
+    assert len(ra) == len(catalog)
+    np.testing.assert_allclose(np.sort(magnitude), np.sort(catalog.magnitude), atol=0.051)
+    distance, _ = cKDTree(catalog.directions(2019.5)).query(unit_from_radec(ra[::97], dec[::97]))
+    assert distance.max() < 1e-6
+    # Limits of the rings and areas, of the table there: of 02_01 and 09_32.
+    for name, low, high, first, last in (('0201', -85.23224404, -75.66348756, 0, 90),
+                                         ('0932', -12.79440589, 0, 348.75, 360)):
+        inside = area == [path.stem[4:] for path in files].index(name)
+        assert low <= np.degrees(dec[inside]).min() and np.degrees(dec[inside]).max() <= high
+        assert first <= np.degrees(ra[inside]).min() and np.degrees(ra[inside]).max() <= last
+    wide = np.fromfile(tmp_path / 'w08_0101.001', '<f4')[1:].reshape(-1, 3)
+    assert len(wide) == np.count_nonzero(catalog.magnitude <= 8.0)
+    assert wide[0, 0] == -14 and abs(np.degrees(wide[0, 1]) - 101.3) < 0.1
