@@ -33,7 +33,9 @@ _STALL_S = 2.0
 _STAGE_ENDPOINTS = {
     'transport and decoding': f'{STAGES[0]} image_raw',
     'centroids': f'{STAGES[2]} centroids', 'tracking': f'{STAGES[3]} tracks'}
-"""The endpoint at which each stage begins; the last one ends with the subscriber of attitude."""
+"""The endpoint at which each stage ends; the last one, estimate, at the subscriber of attitude."""
+_COMPOSED_ENDPOINTS = {'transport and decoding': f'{STAGES[0]} image_raw'}
+"""The same of one process, where all stages are one call."""
 
 _LADDER_HZ = (5, 10, 15, 20, 25, 30, 40, 50, 60, 80, 100, 120, 150, 200, 250, 300)
 _LADDER_S = 2.0
@@ -57,8 +59,8 @@ class Latency:
     """
     Latencies of frames (N,) in ms, and the highest rate at which none was lost or late.
 
-    total_ms is the sum of stages_ms: transport with decoding, centroids, tracking and estimate,
-    each with the transport to the next stage. camera_rate_ms is the total at CAMERA_RATE_HZ,
+    total_ms is the sum of stages_ms: transport with decoding, then centroids, tracking and
+    estimate, each with the transport to the next stage, or all stages in one process. camera_rate_ms is the total at CAMERA_RATE_HZ,
     cpu_percent the processor time of the stages at that rate, in percent of a core, and memory_mib
     their memory (Pss), both with the image source in a process of its own. A rate is sustained
     when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
@@ -218,7 +220,7 @@ def measure(images: Path, fov_deg: float, log_folder: Path, *, composed: bool, r
             _, cpu_percent, memory_mib = _at_camera_rate(pipeline, count)
     attitude_ns = min((attitude_ns for attitude_ns, _ in runs), key=lambda run: np.median(
         _since_sent_ms(run, events_ns)) if run else np.inf)
-    stages_ms = _stage_times_ms(events_ns, attitude_ns)
+    stages_ms = _stage_times_ms(events_ns, attitude_ns, composed)
     return Latency(np.sum(list(stages_ms.values()), axis=0), stages_ms,
                    _since_sent_ms(camera_rate_ns, events_ns), cpu_percent, memory_mib, highest_hz)
 
@@ -247,13 +249,13 @@ def _highest_rate_hz(pipeline: TimedPipeline, rate_hz: float, is_sustained: bool
     return float(next(filter(holds, below), 0))
 
 
-def _stage_times_ms(events_ns: dict[str, dict[int, int]], attitude_ns: dict[int, int]
-                    ) -> dict[str, np.ndarray]:
+def _stage_times_ms(events_ns: dict[str, dict[int, int]], attitude_ns: dict[int, int],
+                    composed: bool) -> dict[str, np.ndarray]:
     """Return the times (N,) of each stage for the frames that were recorded at all endpoints."""
-    stages = {name: endpoint for name, endpoint in _STAGE_ENDPOINTS.items()
-              if endpoint in events_ns}
+    stages = _COMPOSED_ENDPOINTS if composed else _STAGE_ENDPOINTS
     limits_ns = [events_ns[_SENT], *(events_ns[endpoint] for endpoint in stages.values()),
                  attitude_ns]
     times_ns = np.array([[times[stamp_ns] for times in limits_ns] for stamp_ns in attitude_ns
                          if all(stamp_ns in times for times in limits_ns)])
-    return dict(zip((*stages, 'estimate'), np.diff(times_ns, axis=1).T * 1e-6))
+    return dict(zip((*stages, 'all stages' if composed else 'estimate'),
+                    np.diff(times_ns, axis=1).T * 1e-6))
