@@ -182,8 +182,9 @@ def test_a_status_is_what_rclpy_writes_and_reads(values):
     message = status_message('star_tracker: state', 'head', WARN, 'LOST', values)
     status = cdr.status(1, 'star_tracker: state', 'LOST', 'head', values)
     assert deserialize_message(status, DiagnosticStatus) == message
-    assert deserialize_message(cdr.status_array(
-        1_790_000_000_123_456_789, 'star_tracker_optical_frame', status), DiagnosticArray) == DiagnosticArray(header=HEADER, status=[message])
+    array = cdr.status_array(1_790_000_000_123_456_789, 'star_tracker_optical_frame', status)
+    assert deserialize_message(array, DiagnosticArray) == DiagnosticArray(
+        header=HEADER, status=[message])
     read = deserialized(status, DiagnosticStatus)
     assert (read.level, read.name, read.message, read.hardware_id) == (
         message.level, message.name, message.message, message.hardware_id)

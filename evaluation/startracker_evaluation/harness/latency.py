@@ -62,8 +62,9 @@ class Latency:
     total_ms is the sum of stages_ms: transport with decoding, then centroids, tracking and
     estimate, each with the transport to the next stage, or all stages in one process.
     camera_rate_ms is the total at CAMERA_RATE_HZ, cpu_percent the processor time of the stages at
-    that rate, in percent of a core, and memory_mib their memory (Pss), both with the image source in a process of its own. A rate is sustained
-    when one of _TRIES of _LADDER_S succeeds; for the rate of the latencies, one of the _RUNS.
+    that rate, in percent of a core, and memory_mib their memory (Pss), both with the image source
+    in a process of its own. A rate is sustained when one of _TRIES of _LADDER_S succeeds; for the
+    rate of the latencies, one of the _RUNS.
     """
 
     total_ms: np.ndarray
