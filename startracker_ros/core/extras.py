@@ -20,7 +20,7 @@ EXTRAS = {
     'fits': ['astropy>=6.0'],
     'raw': ['rawpy>=0.18'],
     # Names of deep-sky objects in its pictures; OpenNGC, whose licence is CC-BY-SA-4.0.
-    'deep-sky': ['PyOngc>=1.1'],
+    'deep-sky': ['pyongc>=1.1'],
     # A machine with ROS 2 has these; elsewhere these wheels are enough.
     'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
     'ros-kilted': ['ros-kilted-common-interfaces', 'ros-kilted-rclpy[fastrtps]'],

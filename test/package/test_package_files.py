@@ -136,7 +136,8 @@ def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
     needed = {re.match('[A-Za-z0-9_-]+', line)[0] for line in setup.install_requires}
     assert all('>=' in line for line in setup.install_requires)
     extra = {re.match('[A-Za-z0-9_-]+', line)[0]
-             for name in ('fits', 'parquet', 'raw', 'report', 'scale', 'telemetry')
+             for name in ('deep-sky', 'fits', 'parquet', 'raw', 'report', 'scale',
+                          'telemetry')
              for line in setup.extras_require[name]}
     names = {PIP.get(name, name) for name in set().union(*imported().values()) - SOURCES
              if not name.endswith(ROS)}
