@@ -32,7 +32,6 @@ def sky_at(ra_deg: float, dec_deg: float, fov_deg: float) -> SkyMapping:
 
 @pytest.mark.parametrize('field', FIELDS)
 def test_objects_of_a_field_have_their_best_known_name(field):
-    pytest.importorskip('pyongc')
     ra_deg, dec_deg, fov_deg, there, absent = FIELDS[field]
     names = [one.name for one in deep_sky_in(sky_at(ra_deg, dec_deg, fov_deg))]
     assert set(there) <= set(names) and not set(absent) & set(names)
@@ -42,7 +41,6 @@ def test_objects_of_a_field_have_their_best_known_name(field):
 @pytest.mark.parametrize('fov_deg', [0.5, 2.0, 10.0, 50.0, 100.0])
 def test_a_field_has_only_as_many_names_as_it_has_room_for(fov_deg):
     """In the Coma cluster, Virgo and the middle of the Galaxy, the most crowded places."""
-    pytest.importorskip('pyongc')
     for ra_deg, dec_deg in ((194.9, 27.9), (187.5, 12.5), (270.0, -23.0)):
         sky = sky_at(ra_deg, dec_deg, fov_deg)
         found = deep_sky_in(sky)
@@ -54,7 +52,6 @@ def test_a_field_has_only_as_many_names_as_it_has_room_for(fov_deg):
 
 def test_the_outline_of_andromeda_is_along_its_axis():
     """M 31 is 3 deg long and points 35 deg east of north."""
-    pytest.importorskip('pyongc')
     sky = sky_at(10.7, 41.3, 11.0)
     m31 = next(one for one in deep_sky_in(sky) if one.name == 'M 31')
     outline = m31.outline()
@@ -77,7 +74,6 @@ def test_the_outline_of_andromeda_is_along_its_axis():
 
 
 def test_a_photograph_has_the_bubble_nebula_and_its_caption(sky_data, tmp_path):
-    pytest.importorskip('pyongc')
     image = next((sky_data / 'night-sky-11deg').glob('*Alt40_Azi45*.png'))
     pictures = []
     for name, deep_sky in (('with', True), ('without', False)):
