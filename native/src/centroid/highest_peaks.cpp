@@ -17,7 +17,7 @@ namespace {
 constexpr double FILTER_SIGMA_PX = 1.0;
 // What is listed at all: in an image of noise, hundreds of times as many as are kept. One pixel of
 // one level is 0.16 levels high after the filter.
-constexpr Threshold LOWEST{3.0, 0.1};
+constexpr Threshold LOWEST{1.5, 0.1};
 // Error of a top that has no noise, of a lens whose stars are no Gaussians.
 constexpr double LEAST_ERROR_PX = 0.1;
 
