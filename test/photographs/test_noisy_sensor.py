@@ -56,3 +56,40 @@ def test_frames_of_a_noisy_sensor_are_solved(solver, options, least):
             assert np.linalg.norm(error) < np.radians(0.05)
             solved += 1
     assert solved >= least
+
+
+def test_peaks_need_no_threshold():
+    """A star of three levels in an image of zeros, and the highest of noise, 30 of them."""
+    image = np.zeros((120, 160), np.uint8)
+    image[40, 60:62] = 3
+    image[41, 60] = 1
+    peaks = CentroidExtractor().find_highest_peaks(image)
+    assert len(peaks) == 1
+    np.testing.assert_allclose(peaks.uv[0], [60.45, 40.1], atol=0.2)
+    noise = np.random.default_rng(2).normal(30, 5, (400, 400))
+    noise[200, 100:102] += 40
+    peaks = CentroidExtractor().find_highest_peaks(noise.astype(np.uint16))
+    assert len(peaks) == 30 and (np.diff(peaks.flux) <= 0).all()
+    assert np.linalg.norm(peaks.uv[0] - [100.5, 200.0]) < 0.3
+
+
+def test_noise_has_no_attitude(solver):
+    """Each image of noise has 30 peaks."""
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        image = rng.normal(-2, 6, (CAMERA.height, CAMERA.width)).clip(0, 255).astype(np.uint8)
+        assert len(CentroidExtractor().find_highest_peaks(image)) == 30
+        assert not solver.solve(image, CAMERA).solved
+
+
+def test_colours_are_summed_where_their_mean_has_no_noise():
+    rng = np.random.default_rng(4)
+    dark = (rng.random((60, 80, 3)) < 0.1).astype(np.uint8)
+    dark[30, 40] = [200, 255, 90]
+    photograph = photograph_of(dark)
+    np.testing.assert_array_equal(photograph.image, colour_levels(dark))
+    assert photograph.step == pytest.approx(1 / 3) and photograph.image[30, 40] == 1023
+    bright = rng.integers(40, 60, (60, 80, 3)).astype(np.uint8)
+    assert photograph_of(bright).image.dtype == np.uint8
+    grey = np.repeat(dark[..., :1], 3, axis=2)
+    assert photograph_of(grey).image.dtype == np.uint8
