@@ -47,8 +47,8 @@ void find_highest_peaks(const Image &image, List<st_centroid> &stars, Arena &are
     const size_t tiles = most_tiles(image.width, image.height);
     const Mesh mesh = measure_background(image, kernel, arena.take<double>(tiles),
                                          arena.take<double>(tiles), arena);
-    const Search search = find_peaks(image, kernel, mesh, LOWEST,
-                                     most_peaks(image.width, image.height), arena);
+    const Search search =
+        find_peaks(image, kernel, mesh, LOWEST, most_peaks(image.width, image.height), arena);
     const double least_noise = rounding_noise(kernel);
     const auto count = static_cast<size_t>(search.peaks.count);
     auto *found = arena.take<st_centroid>(count);
