@@ -55,6 +55,10 @@ ST_API st_status st_search_near(st_tracker *tracker, const st_image *image, cons
 ST_API st_status st_find_spots(st_tracker *tracker, const st_image *image, double cell_share,
                                int32_t calm);
 
+/* The peaks of an image with the largest ratio of height to noise, at most 30 and whatever the
+ * threshold of the options, in st_centroids(). */
+ST_API st_status st_find_highest_peaks(st_tracker *tracker, const st_image *image);
+
 /* Position and PSF sigma (capacity, 3) in px of the stars at the highest peaks of the image that
  * filled searched, each fitted alone. */
 ST_API st_status st_measure_widths(st_tracker *tracker, const st_image *image,

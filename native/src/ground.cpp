@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "centroid/highest_peaks.h"
 #include "centroid/spots.h"
 #include "startracker_ground.h"
 #include "tracker.h"
@@ -211,6 +212,21 @@ st_status st_find_spots(st_tracker *tracker, const st_image *image, double cell_
     if (image->width_px >= LEAST_SIDE_PX && image->height_px >= LEAST_SIDE_PX) {
         find_spots(image_of(*image, tracker->work), cell_share, calm != 0, found.stars,
                    tracker->work);
+    }
+    st_extraction ignored;
+    publish_alone(*tracker, found, ignored);
+    return ST_OK;
+}
+
+st_status st_find_highest_peaks(st_tracker *tracker, const st_image *image) {
+    const st_status status = check(tracker, image);
+    if (status != ST_OK) {
+        return status;
+    }
+    const Arena::Scope scope(tracker->work);
+    Extraction found = empty_result(*tracker);
+    if (image->width_px >= LEAST_SIDE_PX && image->height_px >= LEAST_SIDE_PX) {
+        find_highest_peaks(image_of(*image, tracker->work), found.stars, tracker->work);
     }
     st_extraction ignored;
     publish_alone(*tracker, found, ignored);

@@ -179,6 +179,8 @@ static int is_wrong_on_ground(st_tracker *tracker, const st_image *image, const 
     }
     status = st_find_spots(tracker, image, within(0.1, 8), one_of(2));
     wrong |= status != ST_OK && status != ST_BAD_IMAGE;
+    status = st_find_highest_peaks(tracker, image);
+    wrong |= status != ST_OK && status != ST_BAD_IMAGE;
     status = st_full_scale(tracker, image, within(0, 1000), &full);
     wrong |= status == ST_OK && !(full > 0);
     return wrong;

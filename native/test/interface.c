@@ -134,6 +134,7 @@ static void on_ground(st_tracker *tracker, const st_image *image) {
     CHECK(st_measure_widths(tracker, image, left, widths, 1, &count) == ST_BAD_IMAGE);
     CHECK(st_find_spots(tracker, image, 0, 0) == ST_BAD_INPUT);
     CHECK(st_find_spots(tracker, image, 4, 0) == ST_OK);
+    CHECK(st_find_highest_peaks(tracker, image) == ST_OK);
     CHECK(st_full_scale(tracker, image, 5, NULL) == ST_NULL_POINTER);
     CHECK(st_full_scale(tracker, image, 5, &full_scale_dn) == ST_OK && isinf(full_scale_dn));
     free(left);

@@ -263,6 +263,7 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     'st_search': (_STATUS, (_POINTER,) * 8),
     'st_search_near': (_STATUS, ((_POINTER,) * 4 + (_COUNT,) + (_POINTER,) * 4)),
     'st_find_spots': (_STATUS, (_POINTER, _POINTER, _NUMBER, _FLAG)),
+    'st_find_highest_peaks': (_STATUS, (_POINTER, _POINTER)),
     'st_measure_widths': (_STATUS, ((_POINTER,) * 4 + (_COUNT, _POINTER))),
     'st_full_scale': (_STATUS, (_POINTER, _POINTER, _NUMBER, _POINTER)),
     'st_cycle_size': (_STATUS, (_COUNT, _COUNT, _POINTER)),

@@ -8,16 +8,21 @@ The extractor (extraction.py) gives one list for a star tracker, which has one t
 a photograph has the time to try others.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 
 LISTS = 4
+FEW_LISTS = 2
+"""Lists of an image at most that are searched for few stars."""
 _SPREAD_SHARE = 2.0  # of spots that are spread over the image
 _SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
+_NO_SKY = 'blank', 'saturated', 'too_small'
 _BINNED_SIDE_PX = 128  # least side of an image that is searched at half its resolution too
 
 
@@ -47,9 +52,21 @@ class Detections:
             if len(self._lists[index]):
                 yield self._lists[index]
 
+    @cached_property
+    def peaks(self) -> Centroids:
+        """
+        Return the peaks that stand out most, whatever they are.
+
+        A search whose probability of chance counts all spots needs no threshold, which keeps out
+        the faint stars of a noisy or coarsely quantised image.
+        """
+        if self._points.status in _NO_SKY:
+            return Centroids.empty()
+        return self._extractor.find_highest_peaks(self._image)
+
     def _spots_of(self, index: int) -> Centroids:
         image = self._image
-        if self._points.status in ('blank', 'saturated', 'too_small'):
+        if self._points.status in _NO_SKY:
             return Centroids.empty()
         if index == 1:
             return _fitted_where_close(
@@ -60,6 +77,13 @@ class Detections:
         if min(image.shape) < _BINNED_SIDE_PX:
             return Centroids.empty()
         return _spots_at_half_resolution(image)
+
+
+def few_star_lists(lists: Iterable[Centroids]) -> list[Centroids]:
+    """Return the lists that are searched for few stars: of an image fitted points and peaks."""
+    if isinstance(lists, Detections):
+        return [one for one in (*islice(lists, 1), lists.peaks) if len(one)]
+    return [*islice(lists, FEW_LISTS)]
 
 
 def _fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

@@ -25,7 +25,7 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.star_matcher import BrightLevel
 from startracker_ros.core.stored_arrays import prepare
-from startracker_ros.photographs.detections import LISTS
+from startracker_ros.photographs.detections import few_star_lists, FEW_LISTS, LISTS
 from startracker_ros.photographs.few_stars import few_stars, image_area
 from startracker_ros.photographs.sky_triangles import sky_triangles, SkyTriangles
 
@@ -75,8 +75,8 @@ Twice the identifications of one image at most, each of which may be wrong by ch
 
 Twice, because the search for few stars may be wrong as often as all of them.
 """
-# Lists that are searched for few stars, and so long each; the error of the lens.
-_FEW_LISTS, _FEW_S, _FEW_FLOOR_PX = 2, 0.15, 0.3
+# Each list is searched so long for few stars, with this error of the lens.
+_FEW_S, _FEW_FLOOR_PX = 0.15, 0.3
 # Images so wide, an ideal lens with fewer triangles than memory has room for.
 _FEW_DEG = 4.0, 30.0
 
@@ -118,7 +118,7 @@ class LadderIdentifier:
         self._databases: dict[float, PyramidIdentifier] = {}
         self._triangles: SkyTriangles | None = None
         ratio = chip_ratio(camera.width, camera.height)
-        self._few_max = options.false_alarm_max / 2 / _FEW_LISTS
+        self._few_max = options.false_alarm_max / 2 / FEW_LISTS
         fov_deg = np.degrees(max(camera.fov_x_rad, camera.fov_y_rad))
         self._seeks_few = not camera.model.equidistant and _FEW_DEG[0] <= fov_deg <= _FEW_DEG[1]
         self._order = STEPS if ratio is None else (
@@ -152,7 +152,7 @@ class LadderIdentifier:
                     if attempt.identification.status == 'time_limit':
                         waiting.append((step, centroids))
             if not number:
-                for centroids in islice(lists, _FEW_LISTS if self._seeks_few else 0):
+                for centroids in few_star_lists(lists) if self._seeks_few else ():
                     attempt, spent_s = self._few(centroids)
                     left_s -= spent_s
                     yield attempt

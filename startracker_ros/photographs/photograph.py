@@ -97,7 +97,8 @@ class PhotographSolver:
             most = max(detections, key=len, default=Centroids.empty())
             if len(most) < MIN_STARS:
                 camera = _likely(image.shape) if nominal is None else nominal
-                return Solution.none(camera, most, extraction.status, extraction.reason)
+                return (self._of_peaks(detections, nominal, observer, bodies)
+                        or Solution.none(camera, most, extraction.status, extraction.reason))
         return self.solve_lists(detections, image.shape, nominal, observer, bodies, place)
 
     def solve_lists(self, lists: Iterable[Centroids], shape: tuple[int, int],
@@ -135,15 +136,10 @@ class PhotographSolver:
                 if mirrored:
                     return Solution.none(first.camera, max(lists, key=len), 'mirrored', mirrored)
                 continue
-            attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
-            if lens.rejected:
-                rejected = lens.rejected
-                continue
-            found = _identification(attempt, lens, search.attempts * self._count, observer)
-            if best is None or lens.matched > best.matched:
-                best = Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                                SkyMapping(lens.camera, lens.attitude.quaternion), seen,
-                                nominal if search.any_field else None, fitted=True)
+            solution, why_not = self._solution(search, solved, nominal, observer, bodies)
+            rejected = why_not or rejected
+            if solution is not None and (best is None or solution.matched > best.matched):
+                best = solution
         if best is not None:
             return best
         most = max(lists, key=len)
@@ -153,6 +149,32 @@ class PhotographSolver:
             *([f'the best try: {rejected}'] if rejected else []), *lacks,
             'if it is the night sky: focus, expose longer, or subtract a dark frame'])
         return Solution.none(first.camera, most, 'no_candidate', unexplained)
+
+    def _of_peaks(self, detections: Detections, nominal: Camera | None, observer: Observer,
+                  bodies: Bodies) -> Solution | None:
+        """
+        Return what an image with fewer than MIN_STARS detections shows, None for nothing.
+
+        Its peaks may be stars of a nominal camera: of any field they would be too few.
+        """
+        if nominal is None or _coarse(nominal):
+            return None
+        search = self._known(nominal)
+        solved, _ = first_lens(search.identify(detections), search.fov_error)
+        return None if solved is None else self._solution(
+            search, solved, nominal, observer, bodies)[0]
+
+    def _solution(self, search: _Search, solved: tuple[Attempt, EstimatedLens],
+                  nominal: Camera | None, observer: Observer, bodies: Bodies
+                  ) -> tuple[Solution | None, str]:
+        """Return the solution of an accepted lens, or why it is rejected without the bodies."""
+        attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
+        if lens.rejected:
+            return None, lens.rejected
+        found = _identification(attempt, lens, search.attempts * self._count, observer)
+        return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
+                        SkyMapping(lens.camera, lens.attitude.quaternion), seen,
+                        nominal if search.any_field else None, fitted=True), ''
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
                 ) -> tuple[list[_Search], list[str]]:

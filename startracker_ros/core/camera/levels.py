@@ -18,6 +18,7 @@ CELL_PX = 2
 # The sum of four 8-bit pixels is below; full_scale() of the star detection knows it.
 _FULL_10_BIT = 1023
 _SWAPPED_NOISE = 4.0  # times as large as with the other order of bytes
+_STEP_ROWS = 8  # one in so many is sampled for the noise
 _SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 16, 512, 1000
 
 
@@ -94,6 +95,12 @@ def _joined(colours: Sequence[np.ndarray]) -> np.ndarray:
         return ((total + len(colours) // 2) // len(colours)).astype(np.uint16)
     total[brightest == np.iinfo(np.uint8).max] = _FULL_10_BIT
     return total
+
+
+def rounds_noise(image: np.ndarray) -> bool:
+    """Return whether the noise of an image (H, W) of integers is below one of its levels."""
+    steps = np.diff(image[::_STEP_ROWS].astype(np.int32), axis=1)
+    return 2 * np.count_nonzero(steps) < steps.size
 
 
 def has_swapped_bytes(image: np.ndarray) -> bool:

@@ -187,6 +187,10 @@ class CentroidExtractor:
         """
         return self._tracker_of(image).find_spots(image, cell_share, calm)
 
+    def find_highest_peaks(self, image: np.ndarray) -> Centroids:
+        """Return the 30 peaks of an image (H, W) that stand out most, brightest first."""
+        return self._tracker_of(image).find_highest_peaks(image)
+
     def full_scale(self, image: np.ndarray, background_dn: float) -> float:
         """Return the DN at which image (H, W) saturates, infinity when nothing in it does."""
         return self._tracker_of(image).full_scale(image, background_dn)

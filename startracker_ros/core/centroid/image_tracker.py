@@ -126,6 +126,12 @@ class ImageTracker:
         self._tracker.call('st_find_spots', self.image_at, cell_share, calm)
         return centroids_of(self._tracker.listed('st_centroids', native.CENTROID))
 
+    def find_highest_peaks(self, image: np.ndarray) -> Centroids:
+        """Return the peaks of st_find_highest_peaks()."""
+        image = self.given(image)
+        self._tracker.call('st_find_highest_peaks', self.image_at)
+        return centroids_of(self._tracker.listed('st_centroids', native.CENTROID))
+
     def measure_widths(self, image: np.ndarray, searched: np.ndarray, most: int) -> np.ndarray:
         """Return place and PSF sigma (K, 3) in px of st_measure_widths()."""
         widths, image = np.empty((most, 3)), self.given(image)

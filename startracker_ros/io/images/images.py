@@ -14,7 +14,7 @@ import zlib
 import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
-from startracker_ros.core.camera.levels import levels_of
+from startracker_ros.core.camera.levels import colour_levels, Levels, levels_of, rounds_noise
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.extras import extra, MissingLibraryError
 from startracker_ros.io.images import fits_image, ser_video, xisf_image
@@ -149,7 +149,7 @@ def _decode(path: Path, content: np.ndarray) -> Photograph:
     if image is None:
         raise ImageError(f'{path}: not an image that OpenCV can read')
     try:
-        image, step = levels_of(grey(image))
+        image, step = _grey_levels(image)
     except ValueError as error:
         raise ImageError(f'{path}: {error}') from error
     exif = read_exif(content.tobytes())
@@ -179,8 +179,21 @@ def photograph_of(image: np.ndarray) -> Photograph:
                          f'{MOST_PIXELS // 1_000_000} million px are solved')
     if not image.size:
         raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px is empty')
-    levels = levels_of(grey(np.ascontiguousarray(image)))
+    levels = _grey_levels(np.ascontiguousarray(image))
     return Photograph(levels.image, step=levels.step)
+
+
+def _grey_levels(image: np.ndarray) -> Levels:
+    """
+    Return the levels (H, W) of an image (H, W) or (H, W, C).
+
+    Of 8-bit colours it is their sum where the mean would round their noise away.
+    """
+    mean = grey(image)
+    if (image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] > 1 and rounds_noise(mean)
+            and not np.array_equal(image[..., 0], image[..., 1])):
+        return Levels(colour_levels(image[..., :3]), 1 / 3)
+    return levels_of(mean)
 
 
 def grey(image: np.ndarray) -> np.ndarray:
