@@ -32,7 +32,7 @@ _STEP = np.sqrt(2)
 _CROWD = 1 / 60
 # Of the stars between A and B the brightest.
 _INNER = 4
-_FEWEST_STARS = 150
+FEWEST_STARS = 150
 # Cells of the codes along x, 0 to 1, and along y, -1 to 1: as ST_QUAD_CELLS.
 _CELLS_X, _CELLS_Y = 26, 52
 CODE_CELLS = (_CELLS_X * _CELLS_Y) ** 2
@@ -88,7 +88,7 @@ def quads_of(direction: np.ndarray, least_deg: float, most_deg: float, density: 
         if even:
             bright = brightest_everywhere(direction, density / side_rad ** 2)
         else:
-            bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS))
+            bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), FEWEST_STARS))
             bright = bright[:len(direction)]
         parts.append(_level(direction, bright, side_rad, inner, sky_share))
     code, quad, side = (np.concatenate(columns) for columns in zip(*parts))
@@ -171,12 +171,28 @@ def matching_quads(table: QuadTable, direction: np.ndarray, first: int, last: in
     """
     Return the quads of the sky that have the code of a quad of image stars, within tolerance.
 
-    The image stars are the first 30 of direction (N, 3), unit vectors; the last one of a quad is
-    first to last - 1. For the rest see matching_neighbours().
+    The image stars are those of image_quads(). For the rest see matching_neighbours().
     """
-    seen = min(last, len(direction), _MOST_IMAGE_STARS)
-    return matching_neighbours(table, direction, _all_quads()[comb(first, 4):comb(seen, 4)],
+    return matching_neighbours(table, direction, image_quads(len(direction), first, last),
                                tolerance, low, high, most)
+
+
+def image_quads(count: int, first: int, last: int) -> np.ndarray:
+    """Return the quads (Q, 4) of the first 30 of count stars whose last one is first to last - 1."""
+    return _all_quads()[comb(first, 4):comb(min(last, count, _MOST_IMAGE_STARS), 4)]
+
+
+def depths(uv: np.ndarray, quads: np.ndarray, area: float) -> np.ndarray:
+    """
+    Return how many stars as bright as those of a quad (Q, 4) the square of its longest side has.
+
+    uv (N, 2) are the spots of an image of this area, brightest first: the number of the last star
+    times the share of the image. A level of a table has quads of stars up to a depth.
+    """
+    square = ((uv[:, None] - uv) ** 2).sum(axis=2)
+    longest = np.max([square[quads[:, a], quads[:, b]] for a, b in combinations(range(4), 2)],
+                     axis=0, initial=0.0)
+    return (quads[:, 3] + 1) * longest / area
 
 
 def matching_neighbours(table: QuadTable, direction: np.ndarray, quads: np.ndarray,
