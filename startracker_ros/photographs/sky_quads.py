@@ -25,6 +25,7 @@ from startracker_ros.core import native
 from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.maths.sorting import order_of_numbers
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
 
 _STEP = np.sqrt(2)
@@ -107,10 +108,10 @@ def level_sides_deg(least_deg: float, most_deg: float) -> list[float]:
 def quad_table(code: np.ndarray, quad: np.ndarray, side: np.ndarray) -> QuadTable:
     """Return the table of quads in any order."""
     cell = code_cells(code)
-    order = np.argsort(cell, kind='stable')
+    order = order_of_numbers(cell)
     start = np.zeros(CODE_CELLS + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
-    return QuadTable(code[order], quad[order], side[order], start)
+    return QuadTable(*(np.take(column, order, 0) for column in (code, quad, side)), start)
 
 
 def _level(direction: np.ndarray, star: np.ndarray, side_rad: float, inner: int,
@@ -149,10 +150,14 @@ def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start
 
 def code_cells(code: np.ndarray) -> np.ndarray:
     """Return the cell (Q,) of each code (Q, 4)."""
-    code = code.astype(float)
-    x, y = (np.clip(np.floor(share * cells).astype(int), 0, cells - 1) for share, cells in (
-        (code[:, 0::2], _CELLS_X), ((code[:, 1::2] + 1) / 2, _CELLS_Y)))
-    return ((x[:, 0] * _CELLS_X + x[:, 1]) * _CELLS_Y + y[:, 0]) * _CELLS_Y + y[:, 1]
+    cell = np.zeros(len(code), np.int32)
+    # A column at a time: rows of four in turn take three times as long.
+    for column, cells in ((0, _CELLS_X), (2, _CELLS_X), (1, _CELLS_Y), (3, _CELLS_Y)):
+        share = code[:, column].astype(float)
+        if column % 2:
+            share = (share + 1) / 2
+        cell = cell * cells + np.clip(share * cells, 0, cells - 1).astype(np.int32)
+    return cell
 
 
 _MOST_IMAGE_STARS = 30
