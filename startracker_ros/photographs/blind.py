@@ -104,6 +104,8 @@ def _half_tangents() -> np.ndarray:
 
 
 _TANGENTS = _half_tangents()
+# Catalogues of this field and wider ones are built in a tenth of a second.
+_SMALL_CATALOGUE = int(np.searchsorted(_TANGENTS, np.tan(np.radians(4.5) / 2)))
 _ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
 
 
@@ -121,6 +123,10 @@ class Candidates(NamedTuple):
     centroids: Centroids
     base: np.ndarray
     number: np.ndarray
+
+
+# Candidates by field and pixel ratio.
+_OfField = tuple[tuple[int, float], list[Candidates]]
 
 
 class BlindIdentifier:
@@ -162,24 +168,49 @@ class BlindIdentifier:
         if shape != self._shape:
             self._shape, self._fields = shape, {}
         tested, used, seen = 0, list(islice(lists, LISTS)), StarsSeen(self._options)
-        for first, last in pairwise(batches):
-            for table in range(len(_TABLES)):
-                found = self._candidates(used, seen, table, first, last)
-                # The widest first: their catalogues are small.
-                for (number, ratio), candidates in sorted(found.items(), reverse=True):
-                    field = self._field(number, ratio)
-                    if field.onboard.stored is not None:
-                        prepare(field.onboard.stored)
-                    for one in candidates:
-                        tested += len(one.base)
-                        attempt = verified(field, one, seen, tested, self._options, self._years)
-                        if attempt is not None:
-                            yield attempt
-                            # One list may have the stars with too many other spots for a lens.
-                            yield from (in_list(attempt, other) for other in used
-                                        if other is not one.centroids)
-            if last == QUICK_BATCHES[-1]:
+        for one_field in self._in_order(used, seen, batches):
+            if one_field is None:
                 yield None
+                continue
+            (number, ratio), candidates = one_field
+            field = self._field(number, ratio)
+            if field.onboard.stored is not None:
+                prepare(field.onboard.stored)
+            for one in candidates:
+                tested += len(one.base)
+                attempt = verified(field, one, seen, tested, self._options, self._years)
+                if attempt is not None:
+                    yield attempt
+                    # One list may have the stars with too many other spots for a lens.
+                    yield from (in_list(attempt, other) for other in used
+                                if other is not one.centroids)
+
+    def _in_order(self, lists: Sequence[Centroids], seen: 'StarsSeen', batches: Sequence[int]
+                  ) -> Iterator[_OfField | None]:
+        """
+        Yield the candidates of each field, and None where the stars of a short search end.
+
+        Those whose catalogues are large are the last ones of a short search.
+        """
+        quick, later = [*pairwise(QUICK_BATCHES)], list[_OfField]()
+        for first, last in quick:
+            for one in self._of_fields(lists, seen, 0, first, last):
+                if one[0][0] >= _SMALL_CATALOGUE:
+                    yield one
+                else:
+                    later.append(one)
+        yield from later
+        for (first, last), table in product(quick, range(1, len(_TABLES))):
+            yield from self._of_fields(lists, seen, table, first, last)
+        yield None
+        for (first, last), table in product(
+                [*pairwise(batches)][len(quick):], range(len(_TABLES))):
+            yield from self._of_fields(lists, seen, table, first, last)
+
+    def _of_fields(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
+                   last: int) -> list[_OfField]:
+        """Return the candidates of the quads of a table, the widest field first."""
+        return sorted(self._candidates(lists, seen, table, first, last).items(), reverse=True)
 
     def _candidates(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
                     last: int) -> dict[tuple[int, float], list[Candidates]]:
