@@ -17,8 +17,8 @@ image.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
-from itertools import islice, pairwise, product, takewhile
+from functools import cache, partial
+from itertools import islice, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -155,7 +155,7 @@ class BlindIdentifier:
         The first part takes a tenth of the time.
         """
         both = self._identify(lists, shape, BATCHES)
-        return takewhile(bool, both), filter(None, both)
+        return iter(partial(next, both, None), None), filter(None, both)
 
     def identify_quickly(self, lists: Iterable[Centroids], shape: tuple[int, int]
                          ) -> Iterator[Attempt]:

@@ -111,7 +111,8 @@ def quad_table(code: np.ndarray, quad: np.ndarray, side: np.ndarray) -> QuadTabl
     order = order_of_numbers(cell)
     start = np.zeros(CODE_CELLS + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
-    return QuadTable(*(np.take(column, order, 0) for column in (code, quad, side)), start)
+    code, quad, side = (np.take(column, order, 0) for column in (code, quad, side))
+    return QuadTable(code, quad, side, start)
 
 
 def _level(direction: np.ndarray, star: np.ndarray, side_rad: float, inner: int,
@@ -183,7 +184,7 @@ def matching_quads(table: QuadTable, direction: np.ndarray, first: int, last: in
 
 
 def image_quads(count: int, first: int, last: int) -> np.ndarray:
-    """Return the quads (Q, 4) of the first 30 of count stars whose last one is first to last - 1."""
+    """Return the quads (Q, 4) of 30 of count stars at most, their last one first to last - 1."""
     return _all_quads()[comb(first, 4):comb(min(last, count, _MOST_IMAGE_STARS), 4)]
 
 
