@@ -207,7 +207,7 @@ def _coarse(nominal: Camera) -> str:
 def _any_field(identifier: BlindIdentifier, lists: Iterable[Centroids], shape: tuple[int, int]
                ) -> tuple[_Search, _Search]:
     """
-    Return the searches of an image of shape (H, W) of any field, by the brightest stars and by all.
+    Return the searches of an image of shape (H, W) of any field: by the brightest stars, by all.
 
     The second one takes the longest of all searches, and continues the first one.
     """
