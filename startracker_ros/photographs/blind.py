@@ -279,7 +279,7 @@ class BlindIdentifier:
 
 
 class StarsSeen:
-    """What usable_stars() returns of the lists of one image by ideal lenses, each computed once."""
+    """What usable_stars() returns of the lists of one image by ideal lenses, computed once."""
 
     def __init__(self, options: IdentificationOptions) -> None:
         self._most = options.max_image_stars
