@@ -17,7 +17,7 @@ image.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import islice, pairwise, product
 from typing import NamedTuple
 
@@ -35,7 +35,8 @@ from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, chip_ratio, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
-from startracker_ros.photographs.sky_quads import matching_quads, sky_quads, SkyQuads
+from startracker_ros.photographs.sky_quads import (
+    depths, FEWEST_STARS, image_quads, matching_neighbours, sky_quads, SkyQuads)
 
 LENS_ERROR = 0.12
 """How far the focal length of the fitted lens may be from that of the quad, as a share."""
@@ -83,6 +84,9 @@ _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
 # and as many everywhere.
 _TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
+# A star of the image may be so many times as far down the list as one of the table: the others are
+# no stars, or out of order. Levels have stars of once to twice the density, and FEWEST_STARS.
+_DEPTH = 2.0
 # Quads are made of so many of the brightest stars, in turn.
 BATCHES, QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
 MOST_CANDIDATES = 50_000  # of one look-up
@@ -100,6 +104,8 @@ def _half_tangents() -> np.ndarray:
 
 
 _TANGENTS = _half_tangents()
+# Catalogues of this field and wider ones are built in a tenth of a second.
+_SMALL_CATALOGUE = int(np.searchsorted(_TANGENTS, np.tan(np.radians(4.5) / 2)))
 _ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
 
 
@@ -119,6 +125,10 @@ class Candidates(NamedTuple):
     number: np.ndarray
 
 
+# Candidates by field and pixel ratio.
+_OfField = tuple[tuple[int, float], list[Candidates]]
+
+
 class BlindIdentifier:
     """Identifies images of cameras of any field of view at one epoch."""
 
@@ -135,47 +145,92 @@ class BlindIdentifier:
 
     def identify(self, lists: Iterable[Centroids], shape: tuple[int, int]) -> Iterator[Attempt]:
         """Yield each identification of an image of shape (H, W) px."""
-        yield from self._identify(lists, shape, BATCHES)
+        return filter(None, self._identify(lists, shape, BATCHES))
+
+    def identify_in_parts(self, lists: Iterable[Centroids], shape: tuple[int, int]
+                          ) -> tuple[Iterator[Attempt], Iterator[Attempt]]:
+        """
+        Return two iterators over what identify() yields: of the brightest stars, then of all.
+
+        The first part takes a tenth of the time.
+        """
+        both = self._identify(lists, shape, BATCHES)
+        return iter(partial(next, both, None), None), filter(None, both)
 
     def identify_quickly(self, lists: Iterable[Centroids], shape: tuple[int, int]
                          ) -> Iterator[Attempt]:
         """Yield the results of a short search, of an image that is probably something else."""
-        yield from self._identify(lists, shape, QUICK_BATCHES)
+        return filter(None, self._identify(lists, shape, QUICK_BATCHES))
 
     def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int],
-                  batches: Sequence[int]) -> Iterator[Attempt]:
+                  batches: Sequence[int]) -> Iterator[Attempt | None]:
+        """Yield each identification, and None where the stars of a short search end."""
         if shape != self._shape:
             self._shape, self._fields = shape, {}
-        tested, used = 0, list(islice(lists, LISTS))
-        for first, last in pairwise(batches):
-            for table in range(len(_TABLES)):
-                found = self._candidates(used, table, first, last)
-                for (number, ratio), candidates in sorted(found.items()):
-                    field = self._field(number, ratio)
-                    if field.onboard.stored is not None:
-                        prepare(field.onboard.stored)
-                    for one in candidates:
-                        tested += len(one.base)
-                        attempt = verified(field, one, tested, self._options, self._years)
-                        if attempt is not None:
-                            yield attempt
-                            # One list may have the stars with too many other spots for a lens.
-                            yield from (in_list(attempt, other) for other in used
-                                        if other is not one.centroids)
+        tested, used, seen = 0, list(islice(lists, LISTS)), StarsSeen(self._options)
+        for one_field in self._in_order(used, seen, batches):
+            if one_field is None:
+                yield None
+                continue
+            (number, ratio), candidates = one_field
+            field = self._field(number, ratio)
+            if field.onboard.stored is not None:
+                prepare(field.onboard.stored)
+            for one in candidates:
+                tested += len(one.base)
+                attempt = verified(field, one, seen, tested, self._options, self._years)
+                if attempt is not None:
+                    yield attempt
+                    # One list may have the stars with too many other spots for a lens.
+                    yield from (in_list(attempt, other) for other in used
+                                if other is not one.centroids)
 
-    def _candidates(self, lists: Sequence[Centroids], table: int, first: int, last: int
-                    ) -> dict[tuple[int, float], list[Candidates]]:
+    def _in_order(self, lists: Sequence[Centroids], seen: 'StarsSeen', batches: Sequence[int]
+                  ) -> Iterator[_OfField | None]:
+        """
+        Yield the candidates of each field, and None where the stars of a short search end.
+
+        Those whose catalogues are large are the last ones of a short search.
+        """
+        quick, later = [*pairwise(QUICK_BATCHES)], list[_OfField]()
+        for first, last in quick:
+            for one in self._of_fields(lists, seen, 0, first, last):
+                if one[0][0] >= _SMALL_CATALOGUE:
+                    yield one
+                else:
+                    later.append(one)
+        yield from later
+        for (first, last), table in product(quick, range(1, len(_TABLES))):
+            yield from self._of_fields(lists, seen, table, first, last)
+        yield None
+        for (first, last), table in product(
+                [*pairwise(batches)][len(quick):], range(len(_TABLES))):
+            yield from self._of_fields(lists, seen, table, first, last)
+
+    def _of_fields(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
+                   last: int) -> list[_OfField]:
+        """Return the candidates of the quads of a table, the widest field first."""
+        return sorted(self._candidates(lists, seen, table, first, last).items(), reverse=True)
+
+    def _candidates(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
+                    last: int) -> dict[tuple[int, float], list[Candidates]]:
         """Return the candidates of the quads of a table by field and pixel ratio."""
         found: dict[tuple[int, float], list[Candidates]] = {}
+        density = 2 * _DEPTH * _TABLES[table][2]
+        height, width = self._shape
         for lens, centroids in product(_lenses(self._shape, table), lists):
             camera = ideal_camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2),
                                   lens.pixel_ratio)
-            _, direction, _ = stars_seen(camera, centroids, self._options)
+            index, direction, _ = seen.by(camera, centroids)
             if len(direction) <= first:
                 continue
             catalog, quads = self._table(table)
-            base, row, ratio = matching_quads(
-                quads.table, direction, first, last, lens.tolerance, lens.low, lens.high,
+            tried = image_quads(len(direction), first, last)
+            everywhere = _DEPTH * FEWEST_STARS * _share_of_sky(camera)
+            tried = tried[(depths(centroids.uv[index], tried, height * width) < density)
+                          | (tried[:, 3] < everywhere)]
+            base, row, ratio = matching_neighbours(
+                quads.table, direction, tried, lens.tolerance, lens.low, lens.high,
                 MOST_CANDIDATES)
             number = catalog.hip[quads.table.star[row]]
             tangent = np.tan(np.radians(np.minimum(lens.fov_deg * ratio, 170.0)) / 2)
@@ -223,14 +278,32 @@ class BlindIdentifier:
         return self._catalogues[widest]
 
 
-def verified(field: Field, candidates: Candidates, tested: int, options: IdentificationOptions,
-             years: float) -> Attempt | None:
+class StarsSeen:
+    """What usable_stars() returns of the lists of one image by ideal lenses, computed once."""
+
+    def __init__(self, options: IdentificationOptions) -> None:
+        self._most = options.max_image_stars
+        # With the list, so that no other one gets its id.
+        self._found: dict[tuple, tuple[Centroids, tuple[np.ndarray, ...]]] = {}
+
+    def by(self, camera: Camera, centroids: Centroids
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rows (N,), directions (N, 3) and errors (N,) of the stars of a list."""
+        key = camera.fx, camera.fy, id(centroids)
+        if key not in self._found:
+            self._found[key] = centroids, usable_stars(camera, centroids, self._most, _FLOOR_PX)
+        index, direction, sigma_rad = self._found[key][1]
+        return index, direction, sigma_rad
+
+
+def verified(field: Field, candidates: Candidates, seen: StarsSeen, tested: int,
+             options: IdentificationOptions, years: float) -> Attempt | None:
     """Return the best of candidates with the stars so many years later; None if not accepted."""
     centroids = candidates.centroids
     star = field.onboard.index_of(candidates.number)
     known = (star >= 0).all(1)
     base, star = candidates.base[known], star[known]
-    index, direction, sigma_rad = stars_seen(field.camera, centroids, options)
+    index, direction, sigma_rad = seen.by(field.camera, centroids)
     best, false_alarm = field.verifier.best_of_quads(
         direction, sigma_rad, base, star, LEAST_SUPPORT, tested)
     if best < 0 or false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
@@ -244,12 +317,6 @@ def verified(field: Field, candidates: Candidates, tested: int, options: Identif
                        match.attitude, match.focal_ratio, match.false_alarm),
         field.camera, field.onboard.after(years), centroids,
         replace(field.camera, fy=field.camera.fx))
-
-
-def stars_seen(camera: Camera, centroids: Centroids, options: IdentificationOptions
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the usable centroids as usable_stars() does, of an ideal lens."""
-    return usable_stars(camera, centroids, options.max_image_stars, _FLOOR_PX)
 
 
 def in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
@@ -282,3 +349,9 @@ def ideal_camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.
     height, width = shape
     focal = max(shape) / 2 / float(tangent)
     return Camera(width, height, focal, focal * pixel_ratio, (width - 1) / 2, (height - 1) / 2)
+
+
+def _share_of_sky(camera: Camera) -> float:
+    """Return the share of the sky that an ideal camera sees."""
+    x, y = camera.width / 2 / camera.fx, camera.height / 2 / camera.fy
+    return float(np.arctan(x * y / np.sqrt(1 + x * x + y * y))) / np.pi

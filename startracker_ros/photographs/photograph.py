@@ -46,7 +46,7 @@ class _Search(NamedTuple):
     How one image is searched.
 
     any_field is whether that is of other fields than of the camera. A lens of up to enough_deg
-    that an earlier search of any field finds needs no such search.
+    that an earlier search of any field finds needs no such search; with last_resort no lens does.
     """
 
     camera: Camera
@@ -57,6 +57,7 @@ class _Search(NamedTuple):
     fields: str
     enough_deg: float = _WIDEST_GIVEN_DEG
     any_field: bool = True
+    last_resort: bool = False
 
 
 class PhotographSolver:
@@ -109,11 +110,13 @@ class PhotographSolver:
 
         The lists are tried in turn.
         """
+        bright, others = _any_field(self._blind, lists, shape)
         searches = [
-            _any_field(self._blind, shape),
+            bright,
             _unknown_lens(self._unknown, shape, RECTILINEAR,
                           f'{_CENTRED_DEG:g} to 100 deg off centre', _CENTRED_DEG),
-            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG)]
+            _unknown_lens(self._unknown, shape, FISHEYES, 'fisheyes up to 190 deg', _WIDEST_DEG),
+            others]
         narrow, lacks = self._narrow(None, shape, place)
         searches[:0] = narrow
         if nominal is not None:
@@ -127,7 +130,8 @@ class PhotographSolver:
         for search in searches:
             given = best is not None and best.dropped is None and nominal is not None
             enough_deg = _WIDEST_GIVEN_DEG if given else search.enough_deg
-            if best is not None and best.camera.seen_x_rad <= np.radians(enough_deg):
+            if best is not None and (search.last_resort
+                                     or best.camera.seen_x_rad <= np.radians(enough_deg)):
                 continue
             solved, why_not = first_lens(search.identify(lists), search.fov_error)
             rejected = rejected or why_not
@@ -143,7 +147,7 @@ class PhotographSolver:
         if best is not None:
             return best
         most = max(lists, key=len)
-        tried = ', '.join(search.fields for search in searches)
+        tried = ', '.join(dict.fromkeys(search.fields for search in searches))
         unexplained = '; '.join([
             f'{len(most)} detections, but no known stars among them; searched: {tried}',
             *([f'the best try: {rejected}'] if rejected else []), *lacks,
@@ -222,14 +226,21 @@ def _coarse(nominal: Camera) -> str:
             if pixel_deg > COARSEST_PIXEL_DEG else '')
 
 
-def _any_field(identifier: BlindIdentifier, shape: tuple[int, int]) -> _Search:
-    """Return the search of an image of shape (H, W) of any field."""
-    return _Search(
-        _likely(shape),
-        lambda lists: identifier.identify(lists, shape),
-        lambda lists: identifier.identify_quickly(lists, shape),
+def _any_field(identifier: BlindIdentifier, lists: Iterable[Centroids], shape: tuple[int, int]
+               ) -> tuple[_Search, _Search]:
+    """
+    Return the searches of an image of shape (H, W) of any field: by the brightest stars, by all.
+
+    The second one takes the longest of all searches, and continues the first one.
+    """
+    bright, others = identifier.identify_in_parts(lists, shape)
+    first = _Search(
+        _likely(shape), lambda _: bright,
+        lambda flipped: identifier.identify_quickly(flipped, shape),
         blind.LENS_ERROR, blind.ATTEMPTS,
         f'{LOWEST_DEG:g} to {HIGHEST_DEG:g} deg')
+    return first, first._replace(identify=lambda _: others, identify_mirrored=lambda _: iter(()),
+                                 last_resort=True)
 
 
 def _with_tiles(identifier: TiledIdentifier, shape: tuple[int, int], fields: Fields,

@@ -25,6 +25,7 @@ from startracker_ros.core import native
 from startracker_ros.core.catalog.sky_grid import (
     brightest_everywhere, pairs_within, sky_grid)
 from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.maths.sorting import order_of_numbers
 from startracker_ros.core.stored_arrays import digest, stored_arrays, StoredArrays
 
 _STEP = np.sqrt(2)
@@ -32,7 +33,7 @@ _STEP = np.sqrt(2)
 _CROWD = 1 / 60
 # Of the stars between A and B the brightest.
 _INNER = 4
-_FEWEST_STARS = 150
+FEWEST_STARS = 150
 # Cells of the codes along x, 0 to 1, and along y, -1 to 1: as ST_QUAD_CELLS.
 _CELLS_X, _CELLS_Y = 26, 52
 CODE_CELLS = (_CELLS_X * _CELLS_Y) ** 2
@@ -88,7 +89,7 @@ def quads_of(direction: np.ndarray, least_deg: float, most_deg: float, density: 
         if even:
             bright = brightest_everywhere(direction, density / side_rad ** 2)
         else:
-            bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), _FEWEST_STARS))
+            bright = np.arange(max(int(density * 4 * np.pi / side_rad ** 2), FEWEST_STARS))
             bright = bright[:len(direction)]
         parts.append(_level(direction, bright, side_rad, inner, sky_share))
     code, quad, side = (np.concatenate(columns) for columns in zip(*parts))
@@ -107,10 +108,11 @@ def level_sides_deg(least_deg: float, most_deg: float) -> list[float]:
 def quad_table(code: np.ndarray, quad: np.ndarray, side: np.ndarray) -> QuadTable:
     """Return the table of quads in any order."""
     cell = code_cells(code)
-    order = np.argsort(cell, kind='stable')
+    order = order_of_numbers(cell)
     start = np.zeros(CODE_CELLS + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
-    return QuadTable(code[order], quad[order], side[order], start)
+    code, quad, side = (np.take(column, order, 0) for column in (code, quad, side))
+    return QuadTable(code, quad, side, start)
 
 
 def _level(direction: np.ndarray, star: np.ndarray, side_rad: float, inner: int,
@@ -149,10 +151,14 @@ def _quads(direction: np.ndarray, long: np.ndarray, neighbour: np.ndarray, start
 
 def code_cells(code: np.ndarray) -> np.ndarray:
     """Return the cell (Q,) of each code (Q, 4)."""
-    code = code.astype(float)
-    x, y = (np.clip(np.floor(share * cells).astype(int), 0, cells - 1) for share, cells in (
-        (code[:, 0::2], _CELLS_X), ((code[:, 1::2] + 1) / 2, _CELLS_Y)))
-    return ((x[:, 0] * _CELLS_X + x[:, 1]) * _CELLS_Y + y[:, 0]) * _CELLS_Y + y[:, 1]
+    cell = np.zeros(len(code), np.int32)
+    # A column at a time: rows of four in turn take three times as long.
+    for column, cells in ((0, _CELLS_X), (2, _CELLS_X), (1, _CELLS_Y), (3, _CELLS_Y)):
+        share = code[:, column].astype(float)
+        if column % 2:
+            share = (share + 1) / 2
+        cell = cell * cells + np.clip(share * cells, 0, cells - 1).astype(np.int32)
+    return cell
 
 
 _MOST_IMAGE_STARS = 30
@@ -171,12 +177,28 @@ def matching_quads(table: QuadTable, direction: np.ndarray, first: int, last: in
     """
     Return the quads of the sky that have the code of a quad of image stars, within tolerance.
 
-    The image stars are the first 30 of direction (N, 3), unit vectors; the last one of a quad is
-    first to last - 1. For the rest see matching_neighbours().
+    The image stars are those of image_quads(). For the rest see matching_neighbours().
     """
-    seen = min(last, len(direction), _MOST_IMAGE_STARS)
-    return matching_neighbours(table, direction, _all_quads()[comb(first, 4):comb(seen, 4)],
+    return matching_neighbours(table, direction, image_quads(len(direction), first, last),
                                tolerance, low, high, most)
+
+
+def image_quads(count: int, first: int, last: int) -> np.ndarray:
+    """Return the quads (Q, 4) of 30 of count stars at most, their last one first to last - 1."""
+    return _all_quads()[comb(first, 4):comb(min(last, count, _MOST_IMAGE_STARS), 4)]
+
+
+def depths(uv: np.ndarray, quads: np.ndarray, area: float) -> np.ndarray:
+    """
+    Return how many stars as bright as those of a quad (Q, 4) the square of its longest side has.
+
+    uv (N, 2) are the spots of an image of this area, brightest first: the number of the last star
+    times the share of the image. A level of a table has quads of stars up to a depth.
+    """
+    square = ((uv[:, None] - uv) ** 2).sum(axis=2)
+    longest = np.max([square[quads[:, a], quads[:, b]] for a, b in combinations(range(4), 2)],
+                     axis=0, initial=0.0)
+    return (quads[:, 3] + 1) * longest / area
 
 
 def matching_neighbours(table: QuadTable, direction: np.ndarray, quads: np.ndarray,

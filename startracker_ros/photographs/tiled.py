@@ -27,7 +27,7 @@ from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
 from startracker_ros.photographs.blind import (
     BATCHES, Candidates, Field, ideal_camera, in_list, LEAST_SUPPORT, LISTS, MOST_CANDIDATES,
-    QUICK_BATCHES, SCALE_ERROR, STARS_PER_FIELD, stars_seen, TOLERANCE, verified)
+    QUICK_BATCHES, SCALE_ERROR, STARS_PER_FIELD, StarsSeen, TOLERANCE, verified)
 from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import TILED_HIGHEST_DEG, TILED_LOWEST_DEG
 from startracker_ros.photographs.sky_quads import (
@@ -142,10 +142,10 @@ class TiledIdentifier:
         middle_deg = np.sqrt(fields.low_deg * fields.high_deg)
         tangent = np.tan(np.radians(middle_deg) / 2)
         camera = ideal_camera(shape, tangent)
-        tested, used = 0, list(islice(lists, LISTS))
+        tested, used, seen = 0, list(islice(lists, LISTS)), StarsSeen(self._options)
         for first, last in pairwise(QUICK_BATCHES if quickly else BATCHES):
             for centroids in used:
-                _, direction, _ = stars_seen(camera, centroids, self._options)
+                _, direction, _ = seen.by(camera, centroids)
                 if len(direction) <= first:
                     continue
                 base, quad, ratio = matching_quads(
@@ -157,16 +157,16 @@ class TiledIdentifier:
                 for one in np.unique(step):
                     mine = step == one
                     for attempt in self._of_camera(
-                            ideal_camera(shape, tangent * _STEP ** one), centroids, base[mine],
-                            star[mine], tested):
+                            ideal_camera(shape, tangent * _STEP ** one), centroids, seen,
+                            base[mine], star[mine], tested):
                         yield attempt
                         yield from (in_list(attempt, other) for other in used
                                     if other is not centroids)
 
-    def _of_camera(self, camera: Camera, centroids: Centroids, base: np.ndarray,
+    def _of_camera(self, camera: Camera, centroids: Centroids, seen: StarsSeen, base: np.ndarray,
                    star: np.ndarray, tested: int) -> Iterator[Attempt]:
         """Yield what is accepted of the candidates base (K, 4) and rows star (K, 4)."""
-        _, direction, sigma_rad = stars_seen(camera, centroids, self._options)
+        _, direction, sigma_rad = seen.by(camera, centroids)
         support = supports(self.catalogue.grid, direction, sigma_rad, base, star,
                            self._options.tolerance_sigmas, LEAST_SUPPORT)
         best = np.argsort(-support, kind='stable')[:_MOST_VERIFIED]
@@ -174,7 +174,7 @@ class TiledIdentifier:
             field = self._field(camera, direction[base[k]], star[k])
             attempt = verified(
                 field, Candidates(centroids, base[k:k + 1], self.catalogue.numbers(star[k:k + 1])),
-                tested, self._options, self._years)
+                seen, tested, self._options, self._years)
             if attempt is not None:
                 yield attempt
 

@@ -5,14 +5,18 @@
 
 import numpy as np
 import pytest
+from startracker_evaluation.campaign.fisheyes import draw_night
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, quaternion_from_pointing, random_attitude)
+from startracker_ros.core.maths.sorting import order_of_numbers
+from startracker_ros.photographs import blind
 from startracker_ros.photographs.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.photographs.estimated_lens import estimate_lens
+from startracker_ros.photographs.photograph import PhotographSolver
 
 WIDTH, HEIGHT, EPOCH_YEAR = 1392, 1040, 2030.0
 SHAPE = HEIGHT, WIDTH
@@ -160,3 +164,30 @@ def test_all_epochs_share_one_set_of_databases(tmp_path, monkeypatch):
     off_rad = np.linalg.norm(later.onboard.direction[star] - catalog.directions(1995.0)[row])
     moved_rad = np.linalg.norm(catalog.directions(2015.0)[row] - catalog.directions(1995.0)[row])
     assert off_rad < 0.25 * moved_rad
+
+
+def test_an_ordinary_field_needs_no_large_catalogue(monkeypatch):
+    built, build = [], BlindIdentifier._onboard
+    monkeypatch.setattr(BlindIdentifier, '_onboard',
+                        lambda self, field: built.append(field) or build(self, field))
+    stars, _ = frame(np.random.default_rng(14), 14.0, 15, 3)
+    assert next(BlindIdentifier(EPOCH_YEAR).identify([stars], SHAPE), None) is not None
+    assert min(built) >= blind._SMALL_CATALOGUE
+
+
+def test_a_fisheye_is_found_before_all_stars_are_searched(monkeypatch):
+    last_stars, search = [], BlindIdentifier._candidates
+    monkeypatch.setattr(BlindIdentifier, '_candidates', lambda self, lists, seen, *which: (
+        last_stars.append(which[-1]) or search(self, lists, seen, *which)))
+    night = draw_night(np.random.default_rng(len('equidistant')), 'equidistant')
+    assert PhotographSolver(2026.0).solve_lists([night.centroids], night.shape).solved
+    assert max(last_stars) <= blind.QUICK_BATCHES[-1]
+
+
+def test_numbers_are_sorted_by_radix_as_by_any_stable_sort():
+    rng = np.random.default_rng(0)
+    for most in (1, 1000, 1 << 16, 1_827_904):
+        number = rng.integers(0, most, 20_000)
+        np.testing.assert_array_equal(
+            order_of_numbers(number), np.argsort(number, kind='stable'))
+    assert not len(order_of_numbers(np.zeros(0, int)))

@@ -70,12 +70,9 @@ LensView changed(const LensView &view, const Parameters &change) {
     return {lens, turned(view.q, first<3>(change))};
 }
 
-Point linearised(const LensView &view, const Matrix3 &R, const Vector3 &icrf, int parameters,
-                 Matrix<2, MOST_PARAMETERS> &partial) {
-    const Lens &lens = view.lens;
-    const Point plane = plane_point(lens.equidistant, sensor_direction(R, icrf));
-    const Point pixel = pixel_of(lens, plane);
-    partial = {};
+Matrix<2, MOST_PARAMETERS> derivatives(const Lens &lens, const Point &plane, const Point &pixel,
+                                       int parameters) {
+    Matrix<2, MOST_PARAMETERS> partial{};
     set_block(partial, 0, 0, image_flow(lens, plane));
     partial[0][3] = pixel.x - lens.cx;
     partial[1][3] = partial[1][4] = pixel.y - lens.cy;
@@ -87,7 +84,7 @@ Point linearised(const LensView &view, const Matrix3 &R, const Vector3 &icrf, in
         partial[1][k] = lens.fy * plane.y * power;
         power *= square;
     }
-    return pixel;
+    return partial;
 }
 
 void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *star, double *square,
@@ -117,9 +114,10 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
             if (star[i] < 0) {
                 continue;
             }
-            Matrix<2, MOST_PARAMETERS> partial;
-            const Point pixel =
-                linearised(fit.view, R, seen.direction[star[i]], prior.parameters, partial);
+            const Lens &lens = fit.view.lens;
+            const Point plane = plane_point(
+                lens.equidistant, sensor_direction(R, seen.direction[star[i]]));
+            const Point pixel = pixel_of(lens, plane);
             const Point residual{seen.spot[i].x - pixel.x, seen.spot[i].y - pixel.y};
             const double distance2 = residual.x * residual.x + residual.y * residual.y;
             if (std::isnan(distance2)) {
@@ -128,8 +126,8 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
             const double sigma = seen.sigma_px[i];
             const double variance = std::fmax(sigma * sigma + LEAST_ERROR_PX * LEAST_ERROR_PX,
                                               fit.error_px * fit.error_px);
-            add_star(partial, residual, 1 / (variance * (1 + distance2 / (TAIL * variance))),
-                     information, gradient);
+            add_star(derivatives(lens, plane, pixel, prior.parameters), residual,
+                     1 / (variance * (1 + distance2 / (TAIL * variance))), information, gradient);
         }
         for (int j = 0; j < MOST_PARAMETERS; ++j) {
             for (int k = 0; k < j; ++k) {

@@ -54,9 +54,10 @@ struct SkyAndSpots {
 /// Return a lens with its parameters changed; those that it does not have are zero.
 LensView changed(const LensView &view, const Parameters &change);
 
-/// Return the pixel of a direction and its derivatives by so many parameters; the others are zero.
-Point linearised(const LensView &view, const Matrix3 &R, const Vector3 &icrf, int parameters,
-                 Matrix<2, MOST_PARAMETERS> &partial);
+/// Return the derivatives of a pixel at undistorted coordinates by so many parameters; the others are
+/// zero.
+Matrix<2, MOST_PARAMETERS> derivatives(const Lens &lens, const Point &plane, const Point &pixel,
+                                       int parameters);
 
 /// Fit a lens, which the result has at first, to spots that are stars, -1 for none, by steps of Gauss
 /// and Newton. square has room for the spots.

@@ -25,17 +25,6 @@ constexpr double LEAST_FARTHEST_RAD = 1.0;
 // Beyond no lens sees stars: images have a black margin.
 constexpr double WIDEST_COS = -0.12186934340514748;  // of 97 deg
 
-/// Return v^T P w of the first parameters.
-double form(const double *v, const ParameterMatrix &P, const double *w, int parameters) {
-    double sum = 0.0;
-    for (int i = 0; i < parameters; ++i) {
-        for (int j = 0; j < parameters; ++j) {
-            sum += v[i] * P[i][j] * w[j];
-        }
-    }
-    return sum;
-}
-
 int matched(const int32_t *star, int spots) {
     return static_cast<int>(
         std::count_if(star, star + spots, [](int32_t one) { return one >= 0; }));
@@ -83,17 +72,22 @@ void gated_stars(const LensFit &fit, int parameters, double error_px, const SkyA
     std::fill(star, star + seen.spots, -1);
     std::fill(best, best + seen.spots, INFINITY);
     for (int k = 0; k < seen.stars; ++k) {
-        if (std::isnan(pixel_in_image(lens, least, sensor_direction(R, seen.direction[k])).x)) {
+        const Vector3 sensor = sensor_direction(R, seen.direction[k]);
+        if (sensor[2] < least) {
             continue;
         }
-        Matrix<2, MOST_PARAMETERS> H;
-        const Point pixel = linearised(fit.view, R, seen.direction[k], parameters, H);
+        const Point plane = plane_point(lens.equidistant, sensor), pixel = pixel_of(lens, plane);
         if (!shows(lens, pixel)) {
             continue;
         }
-        const double uu = error_px * error_px + form(H[0], fit.P, H[0], parameters);
-        const double vv = error_px * error_px + form(H[1], fit.P, H[1], parameters);
-        const double uv = form(H[0], fit.P, H[1], parameters);
+        const Matrix<2, MOST_PARAMETERS> H = derivatives(lens, plane, pixel, parameters);
+        const Matrix<2, MOST_PARAMETERS> HP = H * fit.P;
+        double uu = error_px * error_px, vv = uu, uv = 0.0;
+        for (int i = 0; i < MOST_PARAMETERS; ++i) {
+            uu += HP[0][i] * H[0][i];
+            vv += HP[1][i] * H[1][i];
+            uv += HP[0][i] * H[1][i];
+        }
         const double determinant = uu * vv - uv * uv;
         if (!(GATE_SQUARE * std::sqrt(determinant) < largest)) {
             continue;
@@ -102,6 +96,10 @@ void gated_stars(const LensFit &fit, int parameters, double error_px, const SkyA
         double nearest_square = GATE_SQUARE;
         for (int i = 0; i < seen.spots; ++i) {
             const double du = seen.spot[i].x - pixel.x, dv = seen.spot[i].y - pixel.y;
+            // Most spots are outside the rectangle around the gate.
+            if (du * du > GATE_SQUARE * uu || dv * dv > GATE_SQUARE * vv) {
+                continue;
+            }
             const double square = (vv * du * du - 2 * uv * du * dv + uu * dv * dv) / determinant;
             if (square < nearest_square) {
                 nearest = i;

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core import native
+from startracker_ros.core.maths.sorting import order_of_numbers
 
 
 class SkyGrid(NamedTuple):
@@ -38,7 +39,7 @@ def sky_grid(direction: np.ndarray, sky_share: float = 1.0, most: int = FINE) ->
     start[1:] = np.bincount(cell, minlength=cells ** 3)
     np.cumsum(start, out=start)
     return SkyGrid(np.ascontiguousarray(direction), cells, start,
-                   np.argsort(cell, kind='stable').astype(np.int32))
+                   order_of_numbers(cell).astype(np.int32))
 
 
 def cells_along(count: float, most: int) -> int:
@@ -71,10 +72,15 @@ def brightest_everywhere(direction: np.ndarray, density: float) -> np.ndarray:
     across = np.ceil(2 * np.pi * np.cos(middle) / side_rad).astype(int)
     along = (np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi) + 0.5) * across[band]
     cell = (np.cumsum(across) - across)[band] + along.astype(int) % across[band]
-    order = np.argsort(cell, kind='stable')
-    # The place of each star in its own cell.
-    place = np.arange(len(order)) - np.searchsorted(cell[order], cell[order])
-    return np.sort(order[place < _CELL_STARS])
+    # The brightest star of each cell, then that of the others.
+    left, chosen = np.arange(len(cell)), np.zeros(len(cell), bool)
+    first = np.zeros(int(across.sum()), np.int64)
+    for _ in range(_CELL_STARS):
+        # Of equal indices the last value is stored: that of the first star.
+        first[cell[left[::-1]]] = left[::-1]
+        chosen[first[cell[left]]] = True
+        left = left[~chosen[left]]
+    return np.flatnonzero(chosen)
 
 
 def pairs_within(grid: SkyGrid, chord: float) -> tuple[np.ndarray, np.ndarray]:

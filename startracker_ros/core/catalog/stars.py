@@ -122,10 +122,14 @@ class StarCatalog:
         velocity = self._places(CATALOG_EPOCH_YEAR + 1) - self._places(CATALOG_EPOCH_YEAR)
         return velocity / distance, self.parallax_rad / distance[:, 0]
 
+    @cached_property
+    def _sines(self) -> tuple[np.ndarray, ...]:
+        """Return sine and cosine (N,) of right ascension and declination."""
+        return tuple(of(angle) for angle in (self.ra_rad, self.dec_rad) for of in (np.sin, np.cos))
+
     def _places(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
         """Return the vectors (N, 3) of directions(), in units of the distance at J1991.25."""
-        sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
-        sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
+        sin_ra, cos_ra, sin_dec, cos_dec = self._sines
         years = epoch_year - CATALOG_EPOCH_YEAR
         east = years * _MAS * self.pm_ra_mas_yr
         north = years * _MAS * self.pm_dec_mas_yr
