@@ -100,7 +100,7 @@ def _joined(colours: Sequence[np.ndarray]) -> np.ndarray:
 def rounds_noise(image: np.ndarray) -> bool:
     """Return whether the noise of an image (H, W) of integers is below one of its levels."""
     steps = np.diff(image[::_STEP_ROWS].astype(np.int32), axis=1)
-    return 2 * np.count_nonzero(steps) < steps.size
+    return bool(2 * np.count_nonzero(steps) < steps.size)
 
 
 def has_swapped_bytes(image: np.ndarray) -> bool:
