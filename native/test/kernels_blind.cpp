@@ -31,9 +31,11 @@ void stt_linearised(const st_camera *camera, const double *quaternion, const dou
     std::copy_n(change, MOST_PARAMETERS, by.element);
     const double *q = quaternion;
     const LensView view = changed({lens_of(*camera), {q[0], q[1], q[2], q[3]}}, by);
-    Matrix<2, MOST_PARAMETERS> H;
-    const Point at = linearised(view, matrix_from_quaternion(view.q),
-                                {{icrf[0], icrf[1], icrf[2]}}, parameters, H);
+    const Lens &lens = view.lens;
+    const Vector3 sensor =
+        sensor_direction(matrix_from_quaternion(view.q), {{icrf[0], icrf[1], icrf[2]}});
+    const Point plane = plane_point(lens.equidistant, sensor), at = pixel_of(lens, plane);
+    const Matrix<2, MOST_PARAMETERS> H = derivatives(lens, plane, at, parameters);
     pixel[0] = at.x;
     pixel[1] = at.y;
     std::copy_n(&H.row[0][0], 2 * MOST_PARAMETERS, partial);

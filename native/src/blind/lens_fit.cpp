@@ -115,8 +115,8 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
                 continue;
             }
             const Lens &lens = fit.view.lens;
-            const Point plane = plane_point(
-                lens.equidistant, sensor_direction(R, seen.direction[star[i]]));
+            const Point plane =
+                plane_point(lens.equidistant, sensor_direction(R, seen.direction[star[i]]));
             const Point pixel = pixel_of(lens, plane);
             const Point residual{seen.spot[i].x - pixel.x, seen.spot[i].y - pixel.y};
             const double distance2 = residual.x * residual.x + residual.y * residual.y;
