@@ -18,7 +18,7 @@ constexpr double FILTER_SIGMA_PX = 1.0;
 // What is listed at all: in an image of noise, hundreds of times as many as are kept. One pixel of
 // one level is 0.16 levels high after the filter.
 constexpr Threshold LOWEST{1.5, 0.1};
-// Error of a top that has no noise, of a lens whose stars are no Gaussians.
+// Error of a top that has no noise, of a lens whose stars are not Gaussian.
 constexpr double LEAST_ERROR_PX = 0.1;
 
 /// Noise of rounding to whole levels after the filter, 1 sigma.
