@@ -85,7 +85,7 @@ _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_
 # and as many everywhere.
 _TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
 # A star of the image may be so many times as far down the list as one of the table: the others are
-# no stars, or out of order. Levels have stars of once to twice the density, and FEWEST_STARS.
+# not stars, or out of order. Levels have stars of once to twice the density, and FEWEST_STARS.
 _DEPTH = 2.0
 # Quads are made of so many of the brightest stars, in turn.
 BATCHES, QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
