@@ -25,7 +25,7 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.star_matcher import BrightLevel
 from startracker_ros.core.stored_arrays import prepare
-from startracker_ros.photographs.detections import few_star_lists, FEW_LISTS, LISTS
+from startracker_ros.photographs.detections import FEW_LISTS, few_star_lists, LISTS
 from startracker_ros.photographs.few_stars import few_stars, image_area
 from startracker_ros.photographs.sky_triangles import sky_triangles, SkyTriangles
 

@@ -25,7 +25,6 @@ from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.core.track.track_filter import set_tracking, TrackFilter
 
 if TYPE_CHECKING:
-    # A star tracker without identification loads no method.
     from startracker_ros.core.identify.pyramid import PyramidIdentifier
     from startracker_ros.core.stages.parameters import StarTrackerOptions
 
