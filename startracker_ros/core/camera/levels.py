@@ -19,7 +19,7 @@ CELL_PX = 2
 _FULL_10_BIT = 1023
 _SWAPPED_NOISE = 4.0  # times as large as with the other order of bytes
 _STEP_ROWS = 8  # one in so many is sampled for the noise
-_SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 16, 512, 1000
+_SAMPLED_ROWS, _SAMPLED_COLUMNS, _LEAST_SAMPLE = 64, 128, 1000
 
 
 class Levels(NamedTuple):
