@@ -67,6 +67,8 @@ class AttitudeEstimatorNode(CameraNode):
             self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.advertise_reset()
         self._published_ns = 0
+        # None until the tracker of the same process has built the path for both.
+        self._stage: AttitudeStage | None = None
         if self.one_call is not None:
             self.one_call.estimator = self
 
@@ -99,7 +101,7 @@ class AttitudeEstimatorNode(CameraNode):
         self._stage = built or self._stage
 
     def set_live_options(self) -> None:
-        if self.camera is not None:
+        if self._stage is not None:
             self._stage.set_limits(self.options(ValidationOptions),
                                    self.options(ProtectionOptions))
 
@@ -124,7 +126,8 @@ class AttitudeEstimatorNode(CameraNode):
                    tracked_attitude_from_imu(message))
 
     def _on_tracks(self, message: PointCloud2) -> None:
-        if self.camera_or_drop() is None or not self.in_order('tracks', message.header.stamp):
+        if self.camera_or_drop() is None or self._stage is None or not self.in_order(
+                'tracks', message.header.stamp):
             return
         self.follow_frame(message.header.frame_id)
         stamp_ns = ns_from_stamp(message.header.stamp)
@@ -142,7 +145,7 @@ class AttitudeEstimatorNode(CameraNode):
         pair = self._pairs.add(topic, stamp_ns, value)
         if unpaired := self._pairs.unpaired['tracks']:
             self.diagnostics.counts['tracks without tracked_attitude'] = unpaired
-        if pair is None:
+        if pair is None or self._stage is None:
             return
         tracks, tracked = pair
         solver = self.options(ValidationOptions).solver
@@ -159,7 +162,8 @@ class AttitudeEstimatorNode(CameraNode):
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
-        if self.camera_or_drop() is not None and self.in_order('stars', message.header.stamp):
+        if self.camera_or_drop() is not None and self._stage is not None and self.in_order(
+                'stars', message.header.stamp):
             self.follow_frame(message.header.frame_id)
             stamp_ns = ns_from_stamp(message.header.stamp)
             self._output.publish(stamp_ns, self._stage.from_stars(
