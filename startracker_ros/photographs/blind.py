@@ -84,6 +84,8 @@ _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
 # and as many everywhere.
 _TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
+# Longest sides of the quads of an image as shares of its field.
+_SMALL, _LARGE = 0.15, 0.8
 # A star of the image may be so many times as far down the list as one of the table: the others are
 # not stars, or out of order. Levels have stars of once to twice the density, and FEWEST_STARS.
 _DEPTH = 2.0
@@ -135,7 +137,7 @@ class BlindIdentifier:
     def __init__(self, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
         """Tables and catalogues are loaded, or built, when they are first searched."""
-        self._years = epoch_year - REFERENCE_YEAR
+        self.years = epoch_year - REFERENCE_YEAR
         self._options = options
         self._deep = cache(load_deep_catalog)
         self._tables: dict[int, tuple[StarCatalog, SkyQuads]] = {}
@@ -178,7 +180,7 @@ class BlindIdentifier:
                 prepare(field.onboard.stored)
             for one in candidates:
                 tested += len(one.base)
-                attempt = verified(field, one, seen, tested, self._options, self._years)
+                attempt = verified(field, one, seen, tested, self._options, self.years)
                 if attempt is not None:
                     yield attempt
                     # One list may have the stars with too many other spots for a lens.
@@ -226,7 +228,7 @@ class BlindIdentifier:
                 continue
             catalog, quads = self._table(table)
             tried = image_quads(len(direction), first, last)
-            everywhere = _DEPTH * FEWEST_STARS * _share_of_sky(camera)
+            everywhere = _DEPTH * FEWEST_STARS * share_of_sky(camera)
             tried = tried[(depths(centroids.uv[index], tried, height * width) < density)
                           | (tried[:, 3] < everywhere)]
             base, row, ratio = matching_neighbours(
@@ -240,6 +242,18 @@ class BlindIdentifier:
                 found.setdefault((int(chosen), lens.pixel_ratio), []).append(
                     Candidates(centroids, base[mine], number[mine]))
         return found
+
+    def tables(self, camera: Camera) -> Iterator[tuple[StarCatalog, SkyQuads, float]]:
+        """Yield what has quads of the size of an image: stars, quads, and depths() up to which."""
+        fov_deg = np.degrees(max(camera.fov_x_rad, camera.fov_y_rad))
+        for number, (least, most, density, _) in enumerate(_TABLES):
+            if least < _LARGE * fov_deg and most > _SMALL * fov_deg:
+                yield *self._table(number), 2 * _DEPTH * density
+
+    def catalogue(self, camera: Camera) -> OnboardCatalog:
+        """Return the stars of the images of a rectilinear camera."""
+        tangent = max(camera.width / camera.fx, camera.height / camera.fy) / 2
+        return self._onboard(int(np.abs(np.log(tangent / _TANGENTS)).argmin()))
 
     def wide_quads(self) -> tuple[StarCatalog, SkyQuads]:
         """Return the quads of wide fields, and the catalogue of their stars."""
@@ -299,16 +313,27 @@ class StarsSeen:
 def verified(field: Field, candidates: Candidates, seen: StarsSeen, tested: int,
              options: IdentificationOptions, years: float) -> Attempt | None:
     """Return the best of candidates with the stars so many years later; None if not accepted."""
-    centroids = candidates.centroids
+    _, direction, sigma_rad = seen.by(field.camera, candidates.centroids)
     star = field.onboard.index_of(candidates.number)
     known = (star >= 0).all(1)
-    base, star = candidates.base[known], star[known]
+    base, number = candidates.base[known], candidates.number[known]
+    best, _ = field.verifier.best_of_quads(
+        direction, sigma_rad, base, star[known], LEAST_SUPPORT, tested)
+    return None if best < 0 else accepted(
+        field, Candidates(candidates.centroids, base[best], number[best]), seen, tested, options,
+        years)
+
+
+def accepted(field: Field, candidate: Candidates, seen: StarsSeen, tested: int,
+             options: IdentificationOptions, years: float) -> Attempt | None:
+    """Return a single candidate, whose arrays are (4,), as verified()."""
+    centroids = candidate.centroids
     index, direction, sigma_rad = seen.by(field.camera, centroids)
-    best, false_alarm = field.verifier.best_of_quads(
-        direction, sigma_rad, base, star, LEAST_SUPPORT, tested)
-    if best < 0 or false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC:
+    match = field.verifier.verify(direction, sigma_rad, candidate.base,
+                                  field.onboard.index_of(candidate.number), tested)
+    if match.attitude is None or (
+            match.false_alarm > options.false_alarm_max / ATTEMPTS / HARMONIC):
         return None
-    match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
     hip, magnitude, residual_px = per_centroid(
         len(centroids), index, match.star, match.residual_px, field.onboard.hip,
         field.onboard.magnitude)
@@ -351,7 +376,7 @@ def ideal_camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.
     return Camera(width, height, focal, focal * pixel_ratio, (width - 1) / 2, (height - 1) / 2)
 
 
-def _share_of_sky(camera: Camera) -> float:
+def share_of_sky(camera: Camera) -> float:
     """Return the share of the sky that an ideal camera sees."""
     x, y = camera.width / 2 / camera.fx, camera.height / 2 / camera.fy
     return float(np.arctan(x * y / np.sqrt(1 + x * x + y * y))) / np.pi

@@ -79,11 +79,14 @@ class Detections:
         return _spots_at_half_resolution(image)
 
 
-def few_star_lists(lists: Iterable[Centroids]) -> list[Centroids]:
-    """Return the lists that are searched for few stars: of an image fitted points and peaks."""
-    if isinstance(lists, Detections):
-        return [one for one in (*islice(lists, 1), lists.peaks) if len(one)]
-    return [*islice(lists, FEW_LISTS)]
+def few_star_lists(lists: Iterable[Centroids]) -> Iterator[Centroids]:
+    """Yield the lists that are searched for few stars: of an image fitted points and peaks."""
+    if not isinstance(lists, Detections):
+        yield from islice(lists, FEW_LISTS)
+        return
+    yield from islice(lists, 1)
+    if len(lists.peaks):
+        yield lists.peaks
 
 
 def _fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

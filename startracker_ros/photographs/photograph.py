@@ -20,11 +20,12 @@ from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, multiply, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs import blind
+from startracker_ros.photographs import blind, same_camera
 from startracker_ros.photographs.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
 from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.estimated_lens import estimate_lens, EstimatedLens
 from startracker_ros.photographs.ladder import Attempt, ATTEMPTS, LadderIdentifier
+from startracker_ros.photographs.same_camera import Known, SameCamera
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
 from startracker_ros.photographs.solution import MIN_STARS, Solution
 from startracker_ros.photographs.tiled import Fields, Place, TiledIdentifier
@@ -32,9 +33,9 @@ from startracker_ros.photographs.tiles import TiledCatalogue
 from startracker_ros.photographs.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 
-# Of the nominal camera, and of any field; unknown lenses are certain. With a catalogue of the
-# user as well, near a position and anywhere.
-_SEARCHES, _TILED_SEARCHES = 2, 4
+# Of a known lens, of the nominal camera and of any field; unknown lenses are certain. With a
+# catalogue of the user as well, near a position and anywhere.
+_SEARCHES, _TILED_SEARCHES = 3, 4
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
@@ -65,7 +66,8 @@ class PhotographSolver:
     Solves photographs at one epoch; the lens is fitted to each.
 
     A nominal camera is believed first, then any field of view is searched as if none were given:
-    both together are as strict as one identification. Lenses of which nothing is known, not the
+    both together are as strict as one identification. Before them is the lens of another image, if
+    that is known. Lenses of which nothing is known, not the
     centre either, are the last, and certain: of cropped images, and fisheyes. A catalogue of the
     user is searched before all others, for the narrow fields that it is made for.
     """
@@ -80,19 +82,25 @@ class PhotographSolver:
             catalogue, epoch_year, options)
         self._blind = BlindIdentifier(epoch_year, options)
         self._unknown = UnknownLensIdentifier(epoch_year, self._blind.wide_quads)
+        self._same = SameCamera(self._blind, self._unknown, options)
         # Not of a method of this object: the cycle would keep the databases.
         self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
     def solve(self, image: np.ndarray, nominal: Camera | None = None,
               observer: Observer = AT_REST, bodies: Bodies = Bodies(),
-              place: Place | None = None) -> Solution:
+              place: Place | None = None, known: Known | None = None) -> Solution:
         """
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
         nominal is the camera as far as it is known; observer is how the camera moved; bodies are
-        not stars; place is where the image is, for the catalogue of the user.
+        not stars; place is where the image is, for the catalogue of the user; known is what
+        another image of the camera has shown.
         """
         detections = Detections(image)
+        if known is not None:
+            solution = self._of_known(detections, known, observer, bodies)
+            if solution is not None:
+                return solution
         extraction = detections.extraction
         if len(extraction.centroids) < MIN_STARS:
             most = max(detections, key=len, default=Centroids.empty())
@@ -140,10 +148,11 @@ class PhotographSolver:
                 if mirrored:
                     return Solution.none(first.camera, max(lists, key=len), 'mirrored', mirrored)
                 continue
-            solution, why_not = self._solution(search, solved, nominal, observer, bodies)
+            solution, why_not = self._solution(
+                solved, search.fov_error, search.attempts, observer, bodies)
             rejected = why_not or rejected
             if solution is not None and (best is None or solution.matched > best.matched):
-                best = solution
+                best = replace(solution, dropped=nominal) if search.any_field else solution
         if best is not None:
             return best
         most = max(lists, key=len)
@@ -166,19 +175,26 @@ class PhotographSolver:
         search = self._known(nominal)
         solved, _ = first_lens(search.identify(detections), search.fov_error)
         return None if solved is None else self._solution(
-            search, solved, nominal, observer, bodies)[0]
+            solved, search.fov_error, search.attempts, observer, bodies)[0]
 
-    def _solution(self, search: _Search, solved: tuple[Attempt, EstimatedLens],
-                  nominal: Camera | None, observer: Observer, bodies: Bodies
-                  ) -> tuple[Solution | None, str]:
+    def _of_known(self, lists: Iterable[Centroids], known: Known, observer: Observer,
+                  bodies: Bodies) -> Solution | None:
+        """Return what an image shows by the lens of another one, None for nothing."""
+        solved, _ = first_lens(self._same.identify(lists, known), same_camera.LENS_ERROR)
+        if solved is None:
+            return None
+        solution, _ = self._solution(solved, same_camera.LENS_ERROR, 1, observer, bodies)
+        return None if solution is None else replace(solution, lens_from=known.source)
+
+    def _solution(self, solved: tuple[Attempt, EstimatedLens], fov_error: float, attempts: int,
+                  observer: Observer, bodies: Bodies) -> tuple[Solution | None, str]:
         """Return the solution of an accepted lens, or why it is rejected without the bodies."""
-        attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
+        attempt, lens, seen = _without_bodies(*solved, bodies, fov_error)
         if lens.rejected:
             return None, lens.rejected
-        found = _identification(attempt, lens, search.attempts * self._count, observer)
+        found = _identification(attempt, lens, attempts * self._count, observer)
         return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                        SkyMapping(lens.camera, lens.attitude.quaternion), seen,
-                        nominal if search.any_field else None, fitted=True), ''
+                        SkyMapping(lens.camera, lens.attitude.quaternion), seen, fitted=True), ''
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
                 ) -> tuple[list[_Search], list[str]]:

@@ -53,9 +53,12 @@ class Solution(Summarised):
         dropped: The camera that was given, where the image has another field of view.
         turned_over: Whether the rows are in the other order than those of the image that was
             given: that one is mirrored.
+        mirrored: Whether the image that was given is mirrored: it is solved flipped from left to
+            right, and all pixels are of the flipped image.
         fitted: Whether the lens is fitted to this image, not that of a calibrated camera.
         photograph: The image as it was solved, with the order of the rows of its file.
         epoch_year: Julian year of the star places.
+        lens_from: The image whose lens was used to identify the stars; empty for none.
 
     The attitude is that of the sensor axes of `camera`, +z its optical axis: star directions
     turned by it and projected by `camera` are the pixels of the stars. Pointing and roll are
@@ -71,9 +74,11 @@ class Solution(Summarised):
     bodies: tuple[BodyInImage, ...] = ()
     dropped: Camera | None = None
     turned_over: bool = False
+    mirrored: bool = False
     fitted: bool = False
     photograph: Photograph | None = None
     epoch_year: float = float('nan')
+    lens_from: str = ''
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':

@@ -41,15 +41,17 @@ from startracker_ros.photographs.deep_sky import check_deep_sky
 from startracker_ros.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.photographs.hot_clusters import without_clusters
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.same_camera import Known
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG
+from startracker_ros.photographs.sequence import ImageSequence
 from startracker_ros.photographs.sip import wcs_header
 from startracker_ros.photographs.solution import MIN_STARS, Solution
 from startracker_ros.photographs.tiled import Place
 from startracker_ros.photographs.tiles import TiledCatalogue
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'uncatalogued',
-           'frame', 'time_s', 'cpu_ms', 'written', 'not_written')
+           'detected', 'lens', 'lens_from', 'epoch', 'epoch_from', 'bodies', 'uncatalogued',
+           'mirrored', 'frame', 'time_s', 'cpu_ms', 'written', 'not_written')
 """Columns that are too wide for the terminal."""
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
@@ -219,8 +221,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         given_camera(1, 1, fov_deg)
     solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
                       catalogue)
-    rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
-    unknown = list[str]()
+    rows, whens, observers, sequence = [], [], [], ImageSequence()
+    dropped, turned_over, mirrored, unknown = (list[str]() for _ in range(4))
     written = list[Path]()
     for shot in progress(shots(paths, output_names(paths), selection), 'solve',
                          None if any(map(is_video, paths)) else len(paths),
@@ -237,13 +239,17 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             when = epoch_of(epoch_year, photograph.taken)
             observer = observer_site.observer(when)
             solution, solve_ms = solvers.solve(
-                shot.path, photograph, when, observer, observer_site.bodies(when), near_deg)
+                shot.path, photograph, when, observer, observer_site.bodies(when), near_deg,
+                sequence)
+            sequence.add(shot.label, photograph, when, solution)
         if solution is None:
             continue
         whens.append(when)
         observers.append(observer)
         if solution.turned_over:
             turned_over.append(shot.label)
+        if solution.mirrored:
+            mirrored.append(shot.label)
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
                            f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
@@ -258,6 +264,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                     files.append(file)
         row['written'] = [*map(str, files)]
         written += files
+    like_another = sum(1 for row in rows if row['lens_from'])
     whens = whens or [epoch_of(epoch_year)]
     observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
@@ -265,6 +272,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     return Result('solve', rows, {
         **fit, **({'mirror': True} if mirror else {}),
         **({'fov_deg': '; '.join(dropped)} if dropped else {}),
+        **({'mirrored': '; '.join(mirrored)} if mirrored else {}),
+        **({'lens of another image': f'{like_another} images'} if like_another else {}),
         **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
         **({'uncatalogued': '; '.join(unknown)} if unknown else {}),
         **({'written': _files_text(written)} if written else {}),
@@ -317,43 +326,60 @@ class Solvers:
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
-              bodies: Bodies, near_deg: tuple[float, float] | None = None
-              ) -> tuple[Solution, np.ndarray]:
+              bodies: Bodies, near_deg: tuple[float, float] | None = None,
+              sequence: ImageSequence | None = None) -> tuple[Solution, np.ndarray]:
         """
         Return the solution of an image, and time and processor time in ms (2,); ImageError.
 
-        A mirrored image is turned over where the order of its rows is not known, and clusters of
-        hot pixels are removed where an image has no solution with them. near_deg is that of
-        solve_files().
+        A mirrored image is turned over where the order of its rows is not known, else flipped from
+        left to right; clusters of hot pixels are removed where an image has no solution with them.
+        near_deg is that of solve_files(); sequence has the images of the camera before.
         """
         near_deg = near_deg or photograph.pointing_deg
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
-        solution, time_ms = self._solve(path, photograph, when, observer, bodies, place)
-        if solution.status == 'mirrored' and not photograph.order_known:
-            photograph = photograph.turn_over()
-            solution, more_ms = self._solve(path, photograph, when, observer, bodies, place)
-            solution, time_ms = replace(solution, turned_over=True), time_ms + more_ms
+        given, known = photograph, None
+        if sequence is not None and self._calibrated is None:
+            photograph, known = sequence.ordered(photograph), sequence.known(photograph, when)
+
+        def solve(one: Photograph) -> Solution:
+            nonlocal time_ms
+            solution, more_ms = self._solve(path, one, when, observer, bodies, place, known)
+            time_ms += more_ms
+            return solution
+        time_ms = np.zeros(2)
+        solution = solve(photograph)
+        if solution.status == 'mirrored':
+            other = photograph.mirror() if photograph.order_known else photograph.turn_over()
+            flipped = solve(other)
+            if flipped.solved:
+                solution, photograph = flipped, other
         elif not solution.solved:
             # Sharp stars of compressed images look like such clusters: not the first choice.
             clean = without_clusters(photograph.image)
             if clean is not photograph.image:
-                cleaned, more_ms = self._solve(path, photograph._replace(image=clean), when,
-                                               observer, bodies, place)
+                cleaned = solve(photograph._replace(image=clean))
                 solution = cleaned.of_tries(2) if cleaned.solved else solution
-                time_ms = time_ms + more_ms
-        return replace(solution, photograph=photograph, epoch_year=when.year), time_ms
+        return replace(
+            solution, photograph=photograph, epoch_year=when.year,
+            mirrored=photograph.mirrored != given.mirrored,
+            turned_over=photograph.bottom_up != given.bottom_up), time_ms
 
     def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
-               bodies: Bodies, place: Place | None) -> tuple[Solution, np.ndarray]:
+               bodies: Bodies, place: Place | None, known: Known | None
+               ) -> tuple[Solution, np.ndarray]:
         image = photograph.image
         if self._calibrated is None:
-            fov_deg = self._fov_deg or photograph.fov_x_deg
+            given_deg = self._fov_deg or photograph.fov_x_deg
+            fov_deg = given_deg or (known and known.fov_deg)
             height, width = image.shape
             nominal = None if fov_deg is None else given_camera(width, height, fov_deg)
             # Identifiers round epochs to years.
             solver = self._photographs(round(when.year))
             start_s = _clocks_s()
-            solution = solver.solve(image, nominal, observer, bodies, place)
+            solution = solver.solve(image, nominal, observer, bodies, place, known)
+            if nominal is not None and known is not None and given_deg is None:
+                solution = replace(solution, dropped=None, lens_from=(
+                    known.source if solution.solved and solution.dropped is None else ''))
         else:
             camera = camera_of(path, image, self._calibrated, None)
             # In 9 days no bright star moves by 0.1 arcsec.
@@ -382,10 +408,10 @@ def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[st
            'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
            'matched': 0, 'solve_ms': float(solve_ms[0]), 'reason': '',
            **dict.fromkeys(DETAILS), 'cpu_ms': float(solve_ms[1]), 'written': [],
-           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
+           'lens_from': '', 'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
     if solution is None:
         return row
-    row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+    row.update(lens_from=solution.lens_from, mirrored=solution.mirrored, reason=solution.reason, status=solution.status, detected=len(solution.centroids),
                false_alarm_probability=solution.false_alarm)
     row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
                      for body in solution.bodies]

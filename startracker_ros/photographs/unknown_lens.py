@@ -90,7 +90,8 @@ class UnknownLensIdentifier:
         self._wide_quads = wide_quads
 
     @cached_property
-    def _onboard(self) -> OnboardCatalog:
+    def onboard(self) -> OnboardCatalog:
+        """Return the stars of the images of a fisheye."""
         # What such a camera resolves.
         camera = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
         return cached_brightest(load_catalog(), camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
@@ -104,8 +105,8 @@ class UnknownLensIdentifier:
                  ) -> Iterator[Attempt]:
         """Yield each identification of an image of shape (H, W) px by lenses of a kind."""
         catalog, sky = self._wide_quads()
-        if self._onboard.stored is not None:
-            prepare(sky.stored, self._onboard.stored)
+        if self.onboard.stored is not None:
+            prepare(sky.stored, self.onboard.stored)
         tested = 0
         for centroids in islice(lists, _LISTS):
             quads, uv = neighbours(centroids.uv[:_SPOTS]), centroids.uv[:_SPOTS]
@@ -115,7 +116,7 @@ class UnknownLensIdentifier:
                 tested += len(spot)
                 if len(spot):
                     seen = SkyAndSpots(
-                        self._onboard.direction[:bright], uv, centroids.sigma_px[:_SPOTS])
+                        self.onboard.direction[:bright], uv, centroids.sigma_px[:_SPOTS])
                     found.append(seen.grown(camera, lenses.free, spot, star, ratio))
             # The first one may have grown into a part of the image only.
             for lens, matched in sorted(found, key=lambda one: one[0]['probability'])[:_BEST]:
@@ -136,9 +137,9 @@ class UnknownLensIdentifier:
         spot, row, ratio = matching_neighbours(
             sky.table, unproject(camera, uv), quads, _TOLERANCE, 1 / _RATIO, _RATIO,
             _MOST_CANDIDATES)
-        bright = min(max(int(_STARS_PER_SPOT * len(uv) / _share_of_sky(camera)), _FEWEST_STARS),
-                     len(self._onboard))
-        star = self._onboard.index_of(catalog.hip[sky.table.star[row]])
+        bright = min(max(int(_STARS_PER_SPOT * len(uv) / share_of_fisheye(camera)), _FEWEST_STARS),
+                     len(self.onboard))
+        star = self.onboard.index_of(catalog.hip[sky.table.star[row]])
         known = ((star >= 0) & (star < bright)).all(axis=1)
         return spot[known], star[known], ratio[known], bright
 
@@ -152,7 +153,7 @@ class UnknownLensIdentifier:
             # The errors of stars at the edge of the image circle lead out of it.
             inside = np.isfinite(sensor).all(axis=1)
             attitude = estimate_attitude(
-                sensor[inside], self._onboard.direction[matched[row[inside]]],
+                sensor[inside], self.onboard.direction[matched[row[inside]]],
                 np.maximum(centroids.sigma_px[row[inside]], 1.0) * camera.pixel_rad)
         except (CameraError, AttitudeError):
             return None
@@ -162,11 +163,11 @@ class UnknownLensIdentifier:
             return None
         hip, magnitude, unknown = per_centroid(
             len(centroids), np.arange(len(matched)), matched, np.full(len(matched), np.nan),
-            self._onboard.hip, self._onboard.magnitude)
+            self.onboard.hip, self.onboard.magnitude)
         return Attempt(
             Identification('identified', f'{len(row)} stars', hip, magnitude, unknown,
                            attitude, 1.0, false_alarm),
-            camera, self._onboard.after(self._years), centroids, camera)
+            camera, self.onboard.after(self._years), centroids, camera)
 
 
 def neighbours(uv: np.ndarray) -> np.ndarray:
@@ -191,7 +192,7 @@ def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[np.ndarray]:
                                 ((width - 1) / 2, (height - 1) / 2), terms, lenses.model)
 
 
-def _share_of_sky(camera: np.ndarray) -> float:
+def share_of_fisheye(camera: np.ndarray) -> float:
     """Return the share of the sky, above the horizon of a lens, that an image shows."""
     z = 1 - (2 * np.arange(_SKY) + 1) / _SKY
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(_SKY)
