@@ -101,6 +101,12 @@ class PhotographSolver:
             solution = self._of_known(detections, known, observer, bodies)
             if solution is not None:
                 return solution
+            if known.certain:
+                most = max(detections, key=len, default=Centroids.empty())
+                return Solution.none(
+                    known.camera, most, 'no_candidate', f'{len(most)} detections, but not the '
+                    f'stars of {known.source} and its lens; other lenses were searched in images '
+                    'before, in vain: solve this one alone to search them')
         extraction = detections.extraction
         if len(extraction.centroids) < MIN_STARS:
             most = max(detections, key=len, default=Centroids.empty())

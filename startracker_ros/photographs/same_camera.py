@@ -39,7 +39,7 @@ LENS_ERROR = 0.01
 """How far the focal length is from that of the other image at most: of focus and temperature."""
 
 ATTEMPTS = 1
-# How far stars are from where an attitude that is expected has them: an angle, of the field at most.
+# How far stars are from where an expected attitude has them, and as a share of the field.
 _NEAR_RAD, _NEAR_SHARE = np.radians(3.0), 0.1
 _SPOTS, _STARS = 60, 200  # brightest ones that are tried there
 _LEAST_APART = 0.1  # of the field: two pairs
@@ -50,11 +50,16 @@ _ELSEWHERE = BATCHES[:4]
 
 
 class Known(NamedTuple):
-    """A lens, attitudes (A, 4) q_icrf_from_sensor that are expected, and the image it is of."""
+    """
+    A lens, attitudes (A, 4) q_icrf_from_sensor that are expected, and the image it is of.
+
+    certain is whether no other lens is to be searched.
+    """
 
     camera: Camera
     expected: np.ndarray
     source: str
+    certain: bool = False
 
     @property
     def fov_deg(self) -> float | None:
@@ -168,7 +173,7 @@ def _near(field: Field, spot: np.ndarray, attitude: np.ndarray
         # All pairs of the stars of a candidate give the same attitude.
         whole = stars >= 4
         tried = (len(np.unique(np.where(there, at, -1)[whole], axis=0))
-                 + np.count_nonzero(~whole))
+                 + int(np.count_nonzero(~whole)))
         yield (np.take_along_axis(at[best], four, axis=1).astype(np.int32), row[four], tried)
 
 

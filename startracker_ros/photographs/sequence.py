@@ -3,6 +3,7 @@
 
 """What solved images of a camera tell about its next one: lens, attitude, order of the pixels."""
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +17,16 @@ from startracker_ros.photographs.solution import Solution
 
 # Images of more cameras in turn are rare.
 _MOST_CAMERAS = 8
+# So many images in a row with one lens are of one camera.
+_CERTAIN = 10
 
 
 class _Solved(NamedTuple):
-    """A solved image: its name, lens, attitude (4,), time, and the order of its pixels."""
+    """
+    A solved image: its name, lens, attitude (4,), time, and the order of its pixels.
+
+    alike is how many images in a row have been solved by the lens of the one before.
+    """
 
     label: str
     camera: Camera
@@ -27,27 +34,36 @@ class _Solved(NamedTuple):
     when: Epoch
     mirrored: bool
     bottom_up: bool
+    alike: int
 
 
 class ImageSequence:
     """
     The last images of each camera, as they are solved.
 
-    A camera is known by the size of its images and the field of view that their files state.
+    A camera is known by the size of its images and the field of view that their files state. Once
+    it is certain, other lenses are searched in the first, second, fourth, eighth ... image that is
+    not solved: a cloudy night would take hours otherwise, a folder of several cameras does not
+    get there.
     """
 
     def __init__(self) -> None:
         self._last: dict[tuple[object, ...], list[_Solved]] = {}
+        self._in_vain: Counter[tuple[object, ...]] = Counter()
 
     def add(self, label: str, photograph: Photograph, when: Epoch, solution: Solution) -> None:
-        """Note the solution of a photograph, one without an attitude is ignored."""
-        if solution.quaternion is None or solution.photograph is None:
-            return
+        """Note the solution of a photograph."""
         key = _camera(photograph)
+        if solution.quaternion is None or solution.photograph is None:
+            self._in_vain[key] += 1
+            return
         before = self._last.pop(key, [])
+        alike = before[-1].alike + 1 if before and solution.lens_from else 0
+        if not alike:
+            del self._in_vain[key]
         self._last[key] = [*before[-1:], _Solved(
             label, solution.camera, solution.quaternion, when, solution.photograph.mirrored,
-            solution.photograph.bottom_up)]
+            solution.photograph.bottom_up, alike)]
         if len(self._last) > _MOST_CAMERAS:
             del self._last[next(iter(self._last))]
 
@@ -78,7 +94,9 @@ class ImageSequence:
         if len(before) == 2:
             turn = multiply(last.quaternion, conjugate(before[0].quaternion))
             expected.append(multiply(turn, last.quaternion))
-        return Known(last.camera, np.array(expected), last.label)
+        number = self._in_vain[_camera(photograph)] + 1
+        return Known(last.camera, np.array(expected), last.label,
+                     last.alike >= _CERTAIN and number.bit_count() > 1)
 
 
 def _camera(photograph: Photograph) -> tuple[object, ...]:

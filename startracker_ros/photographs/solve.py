@@ -341,24 +341,22 @@ class Solvers:
         if sequence is not None and self._calibrated is None:
             photograph, known = sequence.ordered(photograph), sequence.known(photograph, when)
 
-        def solve(one: Photograph) -> Solution:
-            nonlocal time_ms
-            solution, more_ms = self._solve(path, one, when, observer, bodies, place, known)
-            time_ms += more_ms
-            return solution
-        time_ms = np.zeros(2)
-        solution = solve(photograph)
+        solve = partial(self._solve, path, when=when, observer=observer, bodies=bodies,
+                        place=place, known=known)
+        solution, time_ms = solve(photograph)
         if solution.status == 'mirrored':
             other = photograph.mirror() if photograph.order_known else photograph.turn_over()
-            flipped = solve(other)
+            flipped, more_ms = solve(other)
+            time_ms = time_ms + more_ms
             if flipped.solved:
                 solution, photograph = flipped, other
-        elif not solution.solved:
+        elif not solution.solved and not (known and known.certain):
             # Sharp stars of compressed images look like such clusters: not the first choice.
             clean = without_clusters(photograph.image)
             if clean is not photograph.image:
-                cleaned = solve(photograph._replace(image=clean))
+                cleaned, more_ms = solve(photograph._replace(image=clean))
                 solution = cleaned.of_tries(2) if cleaned.solved else solution
+                time_ms = time_ms + more_ms
         return replace(
             solution, photograph=photograph, epoch_year=when.year,
             mirrored=photograph.mirrored != given.mirrored,
@@ -408,10 +406,12 @@ def _row(shot: Shot, solution: Solution | None, solve_ms: np.ndarray) -> dict[st
            'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
            'matched': 0, 'solve_ms': float(solve_ms[0]), 'reason': '',
            **dict.fromkeys(DETAILS), 'cpu_ms': float(solve_ms[1]), 'written': [],
-           'lens_from': '', 'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s, 'not_written': ''}
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s,
+           'not_written': '', 'lens_from': ''}
     if solution is None:
         return row
-    row.update(lens_from=solution.lens_from, mirrored=solution.mirrored, reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+    row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+               lens_from=solution.lens_from, mirrored=solution.mirrored,
                false_alarm_probability=solution.false_alarm)
     row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
                      for body in solution.bodies]

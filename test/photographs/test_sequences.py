@@ -3,23 +3,28 @@
 
 """Images of one camera: what one of them has shown identifies the next."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 import startracker_ros as st
 from startracker_ros.core.astro.earth import gcrs_from_itrf
+from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix,
     quaternion_from_pointing, random_attitude, rotate, turned)
 from startracker_ros.io.images.images import Photograph, read_image
 from startracker_ros.photographs.blind import BlindIdentifier
 from startracker_ros.photographs.epoch_and_site import Epoch
+from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.same_camera import Known, SameCamera
 from startracker_ros.photographs.sequence import ImageSequence
+from startracker_ros.photographs.solution import Solution
 from startracker_ros.photographs.solve import solve_files
 from startracker_ros.photographs.unknown_lens import UnknownLensIdentifier
 
@@ -31,9 +36,9 @@ EARTH_RAD_S = 7.292115e-5
 OPTIONS = IdentificationOptions(false_alarm_max=1e-5)
 
 
-def identifier():
-    blind = BlindIdentifier(YEAR, OPTIONS)
-    return SameCamera(blind, UnknownLensIdentifier(YEAR, blind.wide_quads), OPTIONS)
+def identifier(options=OPTIONS):
+    blind = BlindIdentifier(YEAR, options)
+    return SameCamera(blind, UnknownLensIdentifier(YEAR, blind.wide_quads), options)
 
 
 @pytest.fixture(scope='module')
@@ -88,10 +93,10 @@ def test_few_stars_are_identified_by_the_attitude_that_is_expected(same):
 @pytest.mark.parametrize('camera', [NARROW, WIDE, FISHEYE], ids=['narrow', 'wide', 'fisheye'])
 def test_lists_without_a_sky_are_not_accepted_by_a_known_lens(camera):
     """Of 100 lists with a probability of chance below 1 % at most a few would be right."""
-    rng, same = np.random.default_rng(4), identifier()
-    # As if each attempt were accepted: the probabilities are what is tested.
-    object.__setattr__(same._options, 'false_alarm_max', 1.0)
-    best = []
+    options = replace(OPTIONS)
+    # Above the range of the option, so that all candidates are seen.
+    object.__setattr__(options, 'false_alarm_max', 30.0)
+    rng, same, best = np.random.default_rng(4), identifier(options), []
     for _ in range(100):
         count = int(rng.choice([8, 15, 30, 60]))
         uv = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (count, 2))
@@ -182,10 +187,36 @@ def test_the_turn_of_the_earth_and_the_last_turn_are_expected():
                           Epoch(YEAR, 'EXIF', True)) is None
 
 
+def test_other_lenses_are_searched_less_often_once_a_camera_is_certain():
+    photograph, sequence = Photograph(np.zeros((600, 800), np.uint8)), ImageSequence()
+    when, rng = Epoch(YEAR, 'today', False), np.random.default_rng(1)
+    solved = solution_of(random_attitude(rng), photograph)
+    none = Solution.none(WIDE, Centroids.empty(), 'no_candidate', '')
+    sequence.add('first', photograph, when, solved)
+    for number in range(10):
+        assert not sequence.known(photograph, when).certain
+        sequence.add(f'{number}', photograph, when, none)
+    for number in range(10):
+        sequence.add(f'{number}', photograph, when, replace(solved, lens_from='first'))
+    searched = []
+    for number in range(11, 70):
+        searched += [number] * (not sequence.known(photograph, when).certain)
+        sequence.add('dark', photograph, when, none)
+    assert searched == [16, 32, 64]
+    # Another camera: its images are searched until they are alike.
+    sequence.add('other', photograph, when, solved)
+    assert not any(sequence.known(photograph, when).certain for _ in range(3))
+
+
+def test_an_image_that_a_certain_camera_does_not_explain_is_left_with_the_reason():
+    known = Known(WIDE, np.array([[0.0, 0.0, 0.0, 1.0]]), 'before.png', certain=True)
+    noise = np.random.default_rng(1).normal(100.0, 5.0, (600, 800)).astype(np.uint8)
+    solution = PhotographSolver(YEAR, OPTIONS).solve(noise, known=known)
+    assert not solution.solved
+    assert 'not the stars of before.png and its lens' in solution.reason
+
+
 def solution_of(quaternion, photograph):
-    from startracker_ros.core.attitude.result import AttitudeEstimate
-    from startracker_ros.core.identify.identification import Identification
-    from startracker_ros.photographs.solution import Solution
     attitude = AttitudeEstimate(quaternion, np.eye(3) * 1e-12, 4, np.zeros(4), 1.0)
     found = Identification('identified', '', np.arange(1, 5), np.ones(4), np.zeros(4), attitude,
                            1.0, 1e-9)
@@ -219,4 +250,3 @@ def test_the_lens_of_a_noisy_camera_finds_more_of_its_images(sky_data):
     assert sum(row['solved'] for row in together) > sum(row['solved'] for row in alone)
     for one in together:
         assert not one['solved'] or one['fov_deg'] == pytest.approx(6.0745, abs=0.01)
-

@@ -19,6 +19,8 @@ _TIME_ORIGINAL, _OFFSET_ORIGINAL = 0x9003, 0x9011
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 _FULL_FRAME_DIAGONAL_MM = 43.27
 _FIELDS_DEG = (0.1, 160.0)
+# Chunks of a PNG that have EXIF: of PNG 1.5, and of ImageMagick.
+_PNG, _PNG_EXIF = b'\x89PNG', (b'eXIf', b'Raw profile type exif')
 
 
 class Taken(NamedTuple):
@@ -43,6 +45,9 @@ def read_exif(content: bytes, size: tuple[int, int] | None = None) -> Exif:
 
     size is the width and height in px where Pillow sees only the preview of a RAW file.
     """
+    # Pillow decodes all pixels of a PNG to look behind them.
+    if content.startswith(_PNG) and not any(chunk in content for chunk in _PNG_EXIF):
+        return Exif(1, None, None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
