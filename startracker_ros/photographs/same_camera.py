@@ -166,15 +166,20 @@ def _near(field: Field, spot: np.ndarray, attitude: np.ndarray
         cosine = seen @ turn.transpose(0, 2, 1) @ spot.T
         at, there = cosine.argmax(axis=2), cosine.max(axis=2) > np.cos(same)
         stars = there.sum(axis=1)
-        # Of those with most stars, their first four, brightest first.
-        best = np.argsort(-stars, kind='stable')[:_VERIFIED]
-        best = best[stars[best] >= 4]
-        four = np.argsort(~there[best], axis=1, kind='stable')[:, :4]
+        base, four = [np.empty((0, 4), np.int32)], [np.empty((0, 4), int)]
+        for best in np.argsort(-stars, kind='stable')[:_VERIFIED]:
+            # Its first four stars, brightest first, each at a spot of its own.
+            places = np.flatnonzero(there[best])
+            spots, once = np.unique(at[best][places], return_index=True)
+            if len(spots) >= 4:
+                chosen = places[np.sort(once)[:4]]
+                base.append(at[best][chosen][None].astype(np.int32))
+                four.append(row[chosen][None])
         # All pairs of the stars of a candidate give the same attitude.
         whole = stars >= 4
         tried = (len(np.unique(np.where(there, at, -1)[whole], axis=0))
                  + int(np.count_nonzero(~whole)))
-        yield (np.take_along_axis(at[best], four, axis=1).astype(np.int32), row[four], tried)
+        yield np.concatenate(base), np.concatenate(four), tried
 
 
 def _axes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
