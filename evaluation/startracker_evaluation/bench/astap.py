@@ -19,7 +19,7 @@ import tempfile
 
 import cv2
 import numpy as np
-from startracker_evaluation.bench.astrometry_net import CPU_LIMIT_S
+from startracker_evaluation.bench.astrometry_net import children_cpu_s, CPU_LIMIT_S
 from startracker_ros.core.catalog.deep import load_deep_catalog
 from startracker_ros.core.maths.rotation import radec_from_unit, unit_from_radec
 
@@ -117,7 +117,7 @@ def solve(image: np.ndarray, database: Path, high_deg: float = 0.0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'image.png'
         cv2.imwrite(str(path), image)
-        before_s = _cpu_s()
+        before_s = children_cpu_s()
         subprocess.run(
             [COMMAND, '-f', str(path), '-o', str(path.with_suffix('')), '-d', str(database),
              '-r', '180', '-fov', f'{high_deg:.4f}', '-ra', '0', '-spd', '90'],
@@ -125,9 +125,4 @@ def solve(image: np.ndarray, database: Path, high_deg: float = 0.0
                 resource.setrlimit, resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S)))
         result = path.with_suffix('.ini')
         return (centre(result.read_text(errors='replace')) if result.exists() else None,
-                _cpu_s() - before_s)
-
-
-def _cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+                children_cpu_s() - before_s)

@@ -61,16 +61,17 @@ def solve(image: np.ndarray, field_deg: tuple[float, float] | None = None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'image.png'
         cv2.imwrite(str(path), image)
-        before_s = _cpu_s()
+        before_s = children_cpu_s()
         try:
             printed = subprocess.run(
                 [COMMAND, '--no-plots', '--dir', folder, '--cpulimit', str(CPU_LIMIT_S), *limits,
                  str(path)], capture_output=True, text=True, timeout=_HANGS_S).stdout
         except subprocess.TimeoutExpired:
             printed = ''
-        return centre(printed), _cpu_s() - before_s
+        return centre(printed), children_cpu_s() - before_s
 
 
-def _cpu_s() -> float:
+def children_cpu_s() -> float:
+    """Return the processor time of all processes that this one has started and that ended."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime

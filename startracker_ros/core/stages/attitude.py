@@ -97,13 +97,17 @@ class AttitudeStage:
 
     def _result(self) -> TrustedAttitude:
         """Return the result of the last call."""
-        trusted = self._trusted.copy()
-        found, reason = trusted['attitude'], reason_text(trusted['reason'])
-        if not found['valid']:
-            return TrustedAttitude(None, reason)
-        return TrustedAttitude(
-            replace(attitude_of(found), residual_rad=self._tracker.listed(
-                'st_residuals', np.dtype(float))), reason, found['protection_rad'])
+        trusted = trusted_of(self._trusted)
+        return trusted if trusted.attitude is None else replace(trusted, attitude=replace(
+            trusted.attitude, residual_rad=self._tracker.listed(
+                'st_residuals', np.dtype(float))))
+
+
+def trusted_of(result: np.ndarray) -> TrustedAttitude:
+    """Return the attitude of a native result, without residuals, or why there is none."""
+    found, reason = result['attitude'].copy(), reason_text(result['reason'])
+    return (TrustedAttitude(attitude_of(found), reason, found['protection_rad'])
+            if found['valid'] else TrustedAttitude(None, reason))
 
 
 def set_trust(config: np.ndarray, options: ValidationOptions, protection: ProtectionOptions

@@ -15,11 +15,10 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import Extraction
 from startracker_ros.core.centroid.image_tracker import ImageTracker, set_extraction
 from startracker_ros.core.identify.cache import camera_stars
-from startracker_ros.core.integrity.reasons import reason_text
 from startracker_ros.core.integrity.validation import TrustedAttitude
 from startracker_ros.core.native_tracker import (
-    attitude_of, EXTRACTS, IDENTIFIES, native_centroids, SkyTracker, TRACKS, TRUSTS)
-from startracker_ros.core.stages.attitude import AttitudeStage, set_trust
+    EXTRACTS, IDENTIFIES, native_centroids, SkyTracker, TRACKS, TRUSTS)
+from startracker_ros.core.stages.attitude import AttitudeStage, set_trust, trusted_of
 from startracker_ros.core.stages.extraction import ExtractionStage
 from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.core.track.track_filter import set_tracking, TrackFilter
@@ -94,11 +93,7 @@ class FramePath:
 
     def trusted(self) -> TrustedAttitude:
         """Return the attitude of the last frame, without residuals, or why there is none."""
-        found, reason = self.result['attitude'], reason_text(self.result['reason'])
-        if not found['valid']:
-            return TrustedAttitude(None, reason)
-        found = found.copy()
-        return TrustedAttitude(attitude_of(found), reason, found['protection_rad'])
+        return trusted_of(self.result)
 
 
 def _tracks_all_stars(camera: Camera, options: 'StarTrackerOptions') -> bool:
