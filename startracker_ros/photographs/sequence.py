@@ -21,6 +21,10 @@ _MOST_CAMERAS = 8
 _CERTAIN = 10
 
 
+CameraKey = tuple[object, ...]
+"""What the images of a camera have in common."""
+
+
 class _Solved(NamedTuple):
     """
     A solved image: its name, lens, attitude (4,), time, and the order of its pixels.
@@ -48,12 +52,12 @@ class ImageSequence:
     """
 
     def __init__(self) -> None:
-        self._last: dict[tuple[object, ...], list[_Solved]] = {}
-        self._in_vain: Counter[tuple[object, ...]] = Counter()
+        self._last: dict[CameraKey, list[_Solved]] = {}
+        self._in_vain: Counter[CameraKey] = Counter()
 
     def add(self, label: str, photograph: Photograph, when: Epoch, solution: Solution) -> None:
         """Note the solution of a photograph."""
-        key = _camera(photograph)
+        key = camera_key(photograph)
         if solution.quaternion is None or solution.photograph is None:
             self._in_vain[key] += 1
             return
@@ -67,9 +71,13 @@ class ImageSequence:
         if len(self._last) > _MOST_CAMERAS:
             del self._last[next(iter(self._last))]
 
+    def knows(self, key: CameraKey) -> bool:
+        """Return whether an image of a camera is solved."""
+        return key in self._last
+
     def ordered(self, photograph: Photograph) -> Photograph:
         """Return a photograph with the order of the pixels of the one before."""
-        before = self._last.get(_camera(photograph))
+        before = self._last.get(camera_key(photograph))
         if before and before[-1].mirrored != photograph.mirrored:
             photograph = photograph.mirror()
         if before and not photograph.order_known and (
@@ -79,7 +87,7 @@ class ImageSequence:
 
     def known(self, photograph: Photograph, when: Epoch) -> Known | None:
         """Return what the images before tell about a photograph, None for nothing."""
-        before = self._last.get(_camera(photograph))
+        before = self._last.get(camera_key(photograph))
         if not before:
             return None
         last = before[-1]
@@ -94,11 +102,11 @@ class ImageSequence:
         if len(before) == 2:
             turn = multiply(last.quaternion, conjugate(before[0].quaternion))
             expected.append(multiply(turn, last.quaternion))
-        number = self._in_vain[_camera(photograph)] + 1
+        number = self._in_vain[camera_key(photograph)] + 1
         return Known(last.camera, np.array(expected), last.label,
                      last.alike >= _CERTAIN and number.bit_count() > 1)
 
 
-def _camera(photograph: Photograph) -> tuple[object, ...]:
+def camera_key(photograph: Photograph) -> CameraKey:
     """Return what the images of a camera have in common."""
     return photograph.image.shape, photograph.fov_deg

@@ -5,12 +5,12 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import chain, count, islice
 from pathlib import Path
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import is_wcs, load_camera
-from startracker_ros.io.images.dark import read_dark
+from startracker_ros.io.images.dark import Dark, read_dark
 from startracker_ros.io.images.images import (
     camera_of, ideal_camera, ImageError, Photograph, read_photograph)
 from startracker_ros.io.images.video import frames, is_video
@@ -43,7 +43,7 @@ from startracker_ros.photographs.hot_clusters import without_clusters
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.same_camera import Known
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG
-from startracker_ros.photographs.sequence import ImageSequence
+from startracker_ros.photographs.sequence import camera_key, CameraKey, ImageSequence
 from startracker_ros.photographs.sip import wcs_header
 from startracker_ros.photographs.solution import MIN_STARS, Solution
 from startracker_ros.photographs.tiled import Place
@@ -213,73 +213,120 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     row. dark_file is a dark frame or a list of bad pixels (dark.py) of all images. CameraError for
     an impossible camera, CatalogueError for a folder without a catalogue, ImageError for a
     dark_file that cannot be read, OutputError for an impossible folder of outputs; an unreadable
-    image is a row of its own, and so is one that fails otherwise.
+    image is a row of its own, and so is one that fails otherwise. Those before the first solved
+    image of a camera are tried again with its lens.
     """
     outputs.check()
     dark = None if dark_file is None else read_dark(dark_file)
     if fov_deg is not None:
         given_camera(1, 1, fov_deg)
-    solvers = Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
-                      catalogue)
-    rows, whens, observers, sequence = [], [], [], ImageSequence()
-    dropped, turned_over, mirrored, unknown = (list[str]() for _ in range(4))
-    written = list[Path]()
-    for shot in progress(shots(paths, output_names(paths), selection), 'solve',
-                         None if any(map(is_video, paths)) else len(paths),
-                         name=lambda shot: shot.label):
-        row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
-        rows.append(row)
-        if shot.photograph is None:
-            continue
-        photograph = shot.photograph
-        solution: Solution | None = None
-        with OneOfSeveral(partial(row.__setitem__, 'reason')):
-            photograph = photograph if dark is None else dark.subtracted(photograph)
-            photograph = photograph.mirror() if mirror else photograph
-            when = epoch_of(epoch_year, photograph.taken)
-            observer = observer_site.observer(when)
-            solution, solve_ms = solvers.solve(
-                shot.path, photograph, when, observer, observer_site.bodies(when), near_deg,
-                sequence)
-            sequence.add(shot.label, photograph, when, solution)
-        if solution is None:
-            continue
-        whens.append(when)
-        observers.append(observer)
-        if solution.turned_over:
-            turned_over.append(shot.label)
-        if solution.mirrored:
-            mirrored.append(shot.label)
-        if solution.dropped is not None:
-            dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
-                           f'given, {np.degrees(solution.camera.seen_x_rad):.3g} fits')
-        if spots := solution.uncatalogued:
-            unknown.append(f'{shot.label}: {len(spots)} brighter than V '
-                           f'{max(one.magnitude for one in spots) + 0.05:.1f}')
-        files = list[Path]()
-        row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
-        for write in outputs.writers:
-            with OneOfSeveral(partial(row.__setitem__, 'not_written')):
-                if (file := write(shot.output, solution)) is not None:
-                    files.append(file)
-        row['written'] = [*map(str, files)]
-        written += files
+    call = _Call(
+        Solvers(fov_deg, None if camera_file is None else load_camera(camera_file), options,
+                catalogue), observer_site, outputs, dark, mirror, epoch_year, near_deg)
+    done = [call.solve(shot) for shot in progress(
+        shots(paths, output_names(paths), selection), 'solve',
+        None if any(map(is_video, paths)) else len(paths), name=lambda shot: shot.label)]
+    for number, one in enumerate(done):
+        if one.before_first and call.sequence.knows(one.before_first):
+            for shot in shots([one.shot.path], [one.shot.output], selection):
+                again = call.solve(shot, certain=True)
+                done[number] = again if again.row['solved'] else one
+    rows = [one.row for one in done]
+    written = [Path(file) for row in rows for file in row['written']]
     like_another = sum(1 for row in rows if row['lens_from'])
-    whens = whens or [epoch_of(epoch_year)]
-    observers = observers or [observer_site.observer(whens[0])]
+    whens = [one.when for one in done if one.when] or [epoch_of(epoch_year)]
+    observers = [one.observer for one in done if one.observer] or [
+        observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
            if camera_file is not None and is_wcs(camera_file) else {})
+    notes = {name: '; '.join(one.notes[name] for one in done if name in one.notes)
+             for name in _NOTES}
     return Result('solve', rows, {
         **fit, **({'mirror': True} if mirror else {}),
-        **({'fov_deg': '; '.join(dropped)} if dropped else {}),
-        **({'mirrored': '; '.join(mirrored)} if mirrored else {}),
         **({'lens of another image': f'{like_another} images'} if like_another else {}),
-        **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
-        **({'uncatalogued': '; '.join(unknown)} if unknown else {}),
+        **{name: text for name, text in notes.items() if text},
         **({'written': _files_text(written)} if written else {}),
         'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
+
+
+class _Done(NamedTuple):
+    """
+    A shot without its pixels, its row, time, observer, and what is said of it below the table.
+
+    before_first is the camera of an image that is not solved and of which no lens was known.
+    """
+
+    shot: Shot
+    row: dict[str, Any]
+    when: Epoch | None = None
+    observer: Observer | None = None
+    notes: dict[str, str] = {}
+    before_first: CameraKey | None = None
+
+
+_NOTES = 'fov_deg', 'mirrored', 'first row at the top', 'uncatalogued'
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What solves the shots of one call; the arguments of solve_files()."""
+
+    solvers: 'Solvers'
+    observer_site: ObserverSite
+    outputs: Outputs
+    dark: Dark | None
+    mirror: bool
+    epoch_year: float | None
+    near_deg: tuple[float, float] | None
+    sequence: ImageSequence = field(default_factory=ImageSequence)
+
+    def solve(self, shot: Shot, certain: bool = False) -> _Done:
+        """Solve a shot and write its files; certain is whether to search a known lens alone."""
+        row = _row(shot, None, np.full(2, np.nan)) | {'status': 'unreadable', 'reason': shot.error}
+        done = _Done(shot._replace(photograph=None), row)
+        if shot.photograph is None:
+            return done
+        solution: Solution | None = None
+        with OneOfSeveral(partial(row.__setitem__, 'reason')):
+            photograph = (shot.photograph if self.dark is None
+                          else self.dark.subtracted(shot.photograph))
+            photograph = photograph.mirror() if self.mirror else photograph
+            when = epoch_of(self.epoch_year, photograph.taken)
+            observer = self.observer_site.observer(when)
+            first = shot.frame is None and self.sequence.known(photograph, when) is None
+            solution, solve_ms = self.solvers.solve(
+                shot.path, photograph, when, observer, self.observer_site.bodies(when),
+                self.near_deg, self.sequence, certain)
+            self.sequence.add(shot.label, photograph, when, solution)
+        if solution is None:
+            return done
+        row.update(_row(shot, solution, solve_ms), epoch=when.year, epoch_from=when.source)
+        written = row['written'] = list[str]()
+        for write in self.outputs.writers:
+            with OneOfSeveral(partial(row.__setitem__, 'not_written')):
+                if (file := write(shot.output, solution)) is not None:
+                    written.append(str(file))
+        return done._replace(
+            when=when, observer=observer, notes=_notes(shot.label, solution),
+            before_first=camera_key(photograph) if first and not solution.solved else None)
+
+
+def _notes(label: str, solution: Solution) -> dict[str, str]:
+    """Return what is said of an image below the table, of _NOTES."""
+    notes = dict[str, str]()
+    if solution.dropped is not None:
+        notes['fov_deg'] = (f'{label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg given, '
+                            f'{np.degrees(solution.camera.seen_x_rad):.3g} fits')
+    if solution.mirrored:
+        notes['mirrored'] = label
+    if solution.turned_over:
+        notes['first row at the top'] = label
+    if spots := solution.uncatalogued:
+        notes['uncatalogued'] = (f'{label}: {len(spots)} brighter than V '
+                                 f'{max(one.magnitude for one in spots) + 0.05:.1f}')
+    return notes
 
 
 def _files_text(files: Sequence[Path]) -> str:
@@ -327,20 +374,22 @@ class Solvers:
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies, near_deg: tuple[float, float] | None = None,
-              sequence: ImageSequence | None = None) -> tuple[Solution, np.ndarray]:
+              sequence: ImageSequence | None = None, certain: bool = False
+              ) -> tuple[Solution, np.ndarray]:
         """
         Return the solution of an image, and time and processor time in ms (2,); ImageError.
 
         A mirrored image is turned over where the order of its rows is not known, else flipped from
         left to right; clusters of hot pixels are removed where an image has no solution with them.
-        near_deg is that of solve_files(); sequence has the images of the camera before.
+        near_deg is that of solve_files(); sequence has the images of the camera before, whose lens
+        is the only one with certain.
         """
         near_deg = near_deg or photograph.pointing_deg
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
         given, known = photograph, None
         if sequence is not None and self._calibrated is None:
             photograph, known = sequence.ordered(photograph), sequence.known(photograph, when)
-
+            known = known._replace(certain=True) if known and certain else known
         solve = partial(self._solve, path, when=when, observer=observer, bodies=bodies,
                         place=place, known=known)
         solution, time_ms = solve(photograph)

@@ -123,6 +123,19 @@ def test_images_of_one_camera_are_solved_by_the_lens_of_the_one_before(sky_data)
         assert (np.abs(apart) < 5 * sigma + 1).all()
 
 
+def test_images_before_the_first_solved_one_are_tried_again(sky_data, tmp_path):
+    """The noise leaves too few stars to be found anywhere in the sky."""
+    image = read_image(sorted((sky_data / 'night-sky-11deg').glob('*.png'))[1])
+    noise = np.random.default_rng(1).normal(0, 1900.0, image.shape)
+    cv2.imwrite(str(tmp_path / 'a.png'), np.clip(image + noise, 0, 65535).astype(np.uint16))
+    cv2.imwrite(str(tmp_path / 'b.png'), image)
+    noisy, clear = solve_files([tmp_path / 'a.png', tmp_path / 'b.png'], epoch_year=2019.57).rows
+    assert noisy['solved'] and noisy['lens_from'] == 'b.png' and clear['lens_from'] == ''
+    assert np.hypot(noisy['ra_deg'] - clear['ra_deg'], noisy['dec_deg'] - clear['dec_deg']) < 0.05
+    alone, = solve_files([tmp_path / 'a.png'], epoch_year=2019.57).rows
+    assert not alone['solved']
+
+
 def test_an_image_of_another_camera_is_solved_as_if_it_were_alone(sky_data, tmp_path):
     """It is as large as the one before, so that it might be of the same camera."""
     path, other = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[:2]
