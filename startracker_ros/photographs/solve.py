@@ -239,7 +239,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
            if camera_file is not None and is_wcs(camera_file) else {})
-    notes = {name: '; '.join(one.notes[name] for one in done if name in one.notes)
+    notes = {name: _some([one.notes[name] for one in done if name in one.notes])
              for name in _NOTES}
     return Result('solve', rows, {
         **fit, **({'mirror': True} if mirror else {}),
@@ -327,6 +327,12 @@ def _notes(label: str, solution: Solution) -> dict[str, str]:
         notes['uncatalogued'] = (f'{label}: {len(spots)} brighter than V '
                                  f'{max(one.magnitude for one in spots) + 0.05:.1f}')
     return notes
+
+
+def _some(texts: Sequence[str]) -> str:
+    """Return the first of some texts, and how many more there are."""
+    more = len(texts) - _MOST_NAMED
+    return '; '.join([*texts[:_MOST_NAMED], *([f'{more} more'] if more > 0 else [])])
 
 
 def _files_text(files: Sequence[Path]) -> str:

@@ -250,6 +250,8 @@ def test_mirrored_images_are_solved_and_said(sky_data, tmp_path):
     assert result.rows[1]['lens_from'] == paths[0].name
     assert result.conditions['mirrored'] == f'{paths[0].name}; {paths[1].name}'
     assert 'mirrored' not in straight.conditions
+    many = solve_files(flipped[:1] * 6, epoch_year=2019.57)
+    assert many.conditions['mirrored'] == '; '.join([paths[0].name] * 4 + ['2 more'])
     solution = st.solve(flipped[0], epoch=2019.57)
     assert solution.mirrored and solution.photograph.mirrored
     assert not st.solve(paths[0], epoch=2019.57).mirrored
