@@ -20,7 +20,7 @@ from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, multiply, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.photographs import blind, same_camera
+from startracker_ros.photographs import blind
 from startracker_ros.photographs.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
 from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.estimated_lens import estimate_lens, EstimatedLens
@@ -33,12 +33,15 @@ from startracker_ros.photographs.tiles import TiledCatalogue
 from startracker_ros.photographs.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 
-# Of a known lens, of the nominal camera and of any field; unknown lenses are certain. With a
-# catalogue of the user as well, near a position and anywhere.
-_SEARCHES, _TILED_SEARCHES = 3, 4
+# Of the nominal camera and of any field; unknown lenses are certain. With a catalogue of the user
+# as well, near a position and anywhere. That of a known lens may be wrong half as often.
+_SEARCHES, _TILED_SEARCHES, _OF_KNOWN = 2, 4, 0.5
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
+# Of a narrower field that is given quads of its scale are looked up first, as of a known lens: the
+# ladder takes long where the catalogue is deep.
+_NARROW_RAD = np.radians(4.0)
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -75,14 +78,15 @@ class PhotographSolver:
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
                  catalogue: TiledCatalogue | None = None) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        self._count = _SEARCHES if catalogue is None else _SEARCHES + _TILED_SEARCHES
+        self._count = _OF_KNOWN + _SEARCHES + (0 if catalogue is None else _TILED_SEARCHES)
         options = replace(options, false_alarm_max=options.false_alarm_max / self._count)
         self._fov_error = options.fov_error_percent / 100
         self._tiled = None if catalogue is None else TiledIdentifier(
             catalogue, epoch_year, options)
         self._blind = BlindIdentifier(epoch_year, options)
         self._unknown = UnknownLensIdentifier(epoch_year, self._blind.wide_quads)
-        self._same = SameCamera(self._blind, self._unknown, options)
+        self._same = SameCamera(self._blind, self._unknown, replace(
+            options, false_alarm_max=_OF_KNOWN * options.false_alarm_max))
         # Not of a method of this object: the cycle would keep the databases.
         self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
@@ -97,10 +101,12 @@ class PhotographSolver:
         another image of the camera has shown.
         """
         detections = Detections(image)
+        if known is None and nominal is not None and nominal.fov_x_rad < _NARROW_RAD:
+            known = Known(nominal, np.empty((0, 4)), '', error=self._fov_error)
         if known is not None:
             solution = self._of_known(detections, known, observer, bodies)
             if solution is not None:
-                return solution
+                return replace(solution, lens_from=known.source)
             if known.certain:
                 most = max(detections, key=len, default=Centroids.empty())
                 return Solution.none(
@@ -186,13 +192,12 @@ class PhotographSolver:
     def _of_known(self, lists: Iterable[Centroids], known: Known, observer: Observer,
                   bodies: Bodies) -> Solution | None:
         """Return what an image shows by the lens of another one, None for nothing."""
-        solved, _ = first_lens(self._same.identify(lists, known), same_camera.LENS_ERROR)
+        solved, _ = first_lens(self._same.identify(lists, known), known.error)
         if solved is None:
             return None
-        solution, _ = self._solution(solved, same_camera.LENS_ERROR, 1, observer, bodies)
-        return None if solution is None else replace(solution, lens_from=known.source)
+        return self._solution(solved, known.error, 1 / _OF_KNOWN, observer, bodies)[0]
 
-    def _solution(self, solved: tuple[Attempt, EstimatedLens], fov_error: float, attempts: int,
+    def _solution(self, solved: tuple[Attempt, EstimatedLens], fov_error: float, attempts: float,
                   observer: Observer, bodies: Bodies) -> tuple[Solution | None, str]:
         """Return the solution of an accepted lens, or why it is rejected without the bodies."""
         attempt, lens, seen = _without_bodies(*solved, bodies, fov_error)
@@ -327,7 +332,7 @@ def _without_bodies(attempt: Attempt, lens: EstimatedLens, bodies: Bodies, fov_e
     return attempt, lens, seen
 
 
-def _identification(attempt: Attempt, lens: EstimatedLens, attempts: int,
+def _identification(attempt: Attempt, lens: EstimatedLens, attempts: float,
                     observer: Observer) -> Identification:
     """Return the stars of the fitted lens."""
     onboard, known = attempt.onboard, lens.star >= 0

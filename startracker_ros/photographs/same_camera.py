@@ -53,13 +53,14 @@ class Known(NamedTuple):
     """
     A lens, attitudes (A, 4) q_icrf_from_sensor that are expected, and the image it is of.
 
-    certain is whether no other lens is to be searched.
+    certain is whether no other lens is to be searched, error that of its focal length, as a share.
     """
 
     camera: Camera
     expected: np.ndarray
     source: str
     certain: bool = False
+    error: float = LENS_ERROR
 
     @property
     def fov_deg(self) -> float | None:
@@ -80,15 +81,16 @@ class SameCamera:
         """Tables and catalogues are those of other searches."""
         self._blind, self._unknown, self._options = blind, unknown, options
         self._field: Field | None = None
+        self._error = LENS_ERROR
 
     def identify(self, lists: Iterable[Centroids], known: Known) -> Iterator[Attempt]:
         """Yield each identification of an image of a lens."""
-        camera = known.camera
+        camera, self._error = known.camera, known.error
         if self._field is None or self._field.camera != camera:
             onboard = (self._unknown.onboard if camera.model.equidistant
                        else self._blind.catalogue(camera))
             self._field = Field(camera, onboard, Verifier(
-                camera, onboard, self._options.tolerance_sigmas, LENS_ERROR, lens_known=False))
+                camera, onboard, self._options.tolerance_sigmas, known.error, lens_known=False))
         seen, tested = StarsSeen(self._options), 0
         # A list is made when it is first used.
         for centroids in few_star_lists(lists):
@@ -100,7 +102,7 @@ class SameCamera:
                         yield from self._seen(accepted, Candidates(
                             centroids, one, self._field.onboard.hip[four]), seen, tested)
         for centroids in few_star_lists(lists):
-            for first, last in pairwise(_ELSEWHERE):
+            for first, last in pairwise(_ELSEWHERE if known.source else BATCHES):
                 candidates = self._candidates(self._field, centroids, seen, first, last)
                 tested += len(candidates.base)
                 yield from self._seen(verified, candidates, seen, tested)
@@ -125,7 +127,7 @@ class SameCamera:
         for catalog, quads, density in self._blind.tables(field.camera):
             chosen = tried[depths(direction, tried, area) < density]
             image, row, _ = matching_neighbours(
-                quads.table, direction, chosen, TOLERANCE, 1 - LENS_ERROR, 1 + LENS_ERROR,
+                quads.table, direction, chosen, TOLERANCE, 1 - self._error, 1 + self._error,
                 MOST_CANDIDATES)
             base.append(image)
             number.append(catalog.hip[quads.table.star[row]])

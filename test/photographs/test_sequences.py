@@ -265,3 +265,15 @@ def test_the_lens_of_a_noisy_camera_finds_more_of_its_images(sky_data):
     assert sum(row['solved'] for row in together) > sum(row['solved'] for row in alone)
     for one in together:
         assert not one['solved'] or one['fov_deg'] == pytest.approx(6.0745, abs=0.01)
+
+
+def test_a_narrow_field_that_is_given_is_found_by_its_quads():
+    """The pairs of so deep a catalogue are not built."""
+    camera = Camera.from_fov(1000, 750, 1.3)
+    sky = st.SkySimulator(camera, YEAR, motion='constant_rate', ra_deg=305.0, dec_deg=40.0,
+                          rate_deg_s=(0.0, 0.0, 0.0))
+    frame, solver = sky.frame(0.0), PhotographSolver(YEAR, replace(OPTIONS, fov_error_percent=5.0))
+    solution = solver.solve(frame.image, Camera.from_fov(1000, 750, 1.35))
+    assert np.linalg.norm(attitude_error(solution.quaternion, frame.q_mean)) < 60 * ARCSEC
+    assert solution.dropped is None and solution.lens_from == ''
+    assert not solver._known.cache_info().currsize
