@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.calibration.matching import nearest_pairs
 from startracker_ros.core.camera.model import Camera, CameraError, middle_axes
@@ -29,11 +30,10 @@ from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, rotate)
 from startracker_ros.photographs.ladder import Attempt
 from startracker_ros.photographs.lens_fit import (
-    camera_of, changed, LEAST_ERROR_PX, lens_of, SkyAndSpots, stars_in_image)
+    camera_of, changed, FISHEYE_TERMS, LEAST_ERROR_PX, lens_of, SkyAndSpots, stars_in_image)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
-_FISHEYE = [0.06, 0.02, 0.005, 0.001]  # of k1 to k4 of a fisheye
 _FREE_ATTITUDE_RAD = 10.0
 # So few matches leave lens and attitude open; in a narrow field the lens is then held ideal.
 _FEW_MATCHES, _NARROW_RAD = 10, np.radians(20.0)
@@ -56,6 +56,8 @@ _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are f
 # held near each of these values of k1 until their stars stay.
 _GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
 _KEPT_SHARE = 0.75  # of the matches that lead to the fit
+# Of so many nearest stars of the catalogue a share is matched around a match of a fisheye.
+_AROUND, _LEAST_AROUND = 8, 0.25
 _LIMIT_SIGMAS = 3.0
 _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
 
@@ -102,7 +104,7 @@ def estimate_lens(attempt: Attempt, focal_error: float) -> EstimatedLens:
     first = int(np.count_nonzero(star >= 0))
     fisheye = start.model.equidistant
     free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE]
-                    + (_FISHEYE if fisheye else [_K1]))
+                    + ([*FISHEYE_TERMS] if fisheye else [_K1]))
     held = np.array([1.0] * 4 + [_HELD] * (len(free) - 4))
     quaternion = identification.attitude.quaternion
     try:
@@ -164,8 +166,8 @@ class _Image:
             lens = self._fitted(lens, start, free, star)
             error_px, before, growing = float(lens['error_px']), star, iteration < _GROWING
             if self._start.model.equidistant:
-                star = self._seen.gated(
-                    lens, len(free), max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS))
+                star = self._among_others(lens, self._seen.gated(
+                    lens, len(free), max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS)))
             else:
                 star = self._matched(lens, self._gate(
                     lens, _FIRST_GATE_PX if growing else _LEAST_GATE_PX))
@@ -182,9 +184,7 @@ class _Image:
         most matches are.
         """
         near, _ = stars_in_image(fit.lens, self._onboard.direction)
-        matched = np.sort(fit.star[fit.star >= 0])
-        deepest = matched[int(_KEPT_SHARE * (len(matched) - 1))] if len(matched) else -1
-        as_bright = np.count_nonzero(near <= deepest) / _KEPT_SHARE
+        as_bright = np.count_nonzero(near <= self._deepest(fit.star)) / _KEPT_SHARE
         return int(min(len(fit.star), len(near), as_bright))
 
     def best_of_others(self, fit: _Fit, lens: np.ndarray, free: np.ndarray, star: np.ndarray
@@ -232,6 +232,31 @@ class _Image:
             k1 = found['camera']['distortion'][0]
             raise CameraError(f'distortion k1 {k1:.2g} folds the image over itself')
         return found
+
+    def _among_others(self, lens: np.ndarray, star: np.ndarray) -> np.ndarray:
+        """
+        Return the star (N,) of each centroid, -1 where hardly any star around it is matched.
+
+        One lamp in the gate of a star behind hills or clouds would decide what the lens is there.
+        """
+        matched = np.flatnonzero(star >= 0)
+        near, _ = stars_in_image(lens, self._onboard.direction)
+        near = near[near <= self._deepest(star)]
+        if len(near) <= _AROUND:
+            return star
+        direction = self._onboard.direction
+        _, around = cKDTree(direction[near]).query(direction[star[matched]], _AROUND + 1)
+        around = near[around]
+        others = around != star[matched, None]
+        shares = (np.isin(around, star[matched]) & others).sum(axis=1) / others.sum(axis=1)
+        found = star.copy()
+        found[matched[shares < _LEAST_AROUND]] = -1
+        return found
+
+    def _deepest(self, star: np.ndarray) -> int:
+        """Return the star as deep as most matches, -1 for none: the brightest one is 0."""
+        matched = np.sort(star[star >= 0])
+        return int(matched[int(_KEPT_SHARE * (len(matched) - 1))]) if len(matched) else -1
 
     def _gate(self, lens: np.ndarray, least_px: float) -> float:
         """Return the matching radius in px."""

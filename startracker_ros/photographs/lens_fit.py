@@ -17,6 +17,15 @@ from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotati
 
 RADIAL = 7  # where k begins
 LEAST_ERROR_PX = 0.1
+_HORIZON_SQUARE = (np.pi / 2) ** 2
+_UNLIKE = 0.02
+FISHEYE_TERMS = (0.06, *(_UNLIKE / _HORIZON_SQUARE ** n for n in (2, 3, 4)))
+"""
+Prior standard deviations of k1 to k4 of a fisheye, k2 to k4 about a projection.
+
+Each moves the horizon by 2 %. Of 35 fits of fisheyes in Lensfun (2026), to 48 to 90 deg, half of
+these terms are below 1.5 %, and three lenses of action cameras above 10 %.
+"""
 
 
 def lens_of(camera: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import Identification, per_centroid
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
-from startracker_ros.photographs.lens_fit import camera_of, SkyAndSpots
+from startracker_ros.photographs.lens_fit import camera_of, FISHEYE_TERMS, SkyAndSpots
 from startracker_ros.photographs.sky_quads import matching_neighbours, SkyQuads
 
 
@@ -61,7 +61,7 @@ FISHEYES = Lenses(
     ((1 / 12, 1 / 120, 17 / 20160, 31 / 362880), (0.0, 0.0, 0.0, 0.0),
      (-1 / 24, 1 / 1920, -1 / 322560, 1 / 92897280),
      (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880)),
-    1.3, 5.2, np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001]))
+    1.3, 5.2, np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, *FISHEYE_TERMS]))
 # Of 28 to some 100 deg and cropped, so that the axis may be anywhere. Narrower ones are found
 # without their distortion.
 RECTILINEAR = Lenses(PLUMB_BOB, ((),), 0.5, 1.7,

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 import time
+from typing import NamedTuple
 
 import numpy as np
 from startracker_evaluation.campaign.lenses import draw_stars, EPOCH_YEAR, unfolded
@@ -24,7 +25,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
-    conjugate, matrix_from_quaternion, random_attitude, rotate)
+    conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, random_attitude,
+    rotate)
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.table import Result
 from startracker_ros.photographs.photograph import PhotographSolver
@@ -36,6 +38,10 @@ SHAPES = (1000, 1000), (960, 1280), (1080, 1920)
 FOV_DEG, RADIUS, CENTRE, TILT_DEG = (100.0, 190.0), (0.85, 1.4), 0.1, 75.0
 MAGNITUDE, NOISE_PX, FALSE, LAMPS = (4.0, 5.0), (0.3, 1.0), 30, 9
 _EXTINCTION, _SCATTER, _MISSING, _GLARE_DEG = 0.2, 0.3, 0.05, 10.0
+# An all-sky camera through a night: deviations of its radius, as a share of that of the horizon, in
+# the three terms by which Hugin and Lensfun describe lenses.
+_DEVIATION, _NIGHT_TILT_DEG, _NIGHT_HOURS, _SKY_DEG_PER_HOUR = 0.01, 8.0, 8.0, 15.041
+_CLOUD_DEG, _MOST_CLOUDS, _HAZE_DEG = 15.0, 12, (5.0, 35.0)
 CROPPED_DEG, CROPPED_K1, CROPPED, CROPPED_STARS = (60.0, 100.0), (-0.2, 0.1), (0.5, 0.8), (25, 60)
 _CROPPED_OF, _CROPPED_FALSE = (2000, 1500), 12
 _CORRECT_PX = 3.0  # median error of the stars in the fitted lens
@@ -80,8 +86,53 @@ class FisheyeNight:
         return float(np.median(np.where(np.isnan(apart), np.inf, apart)))
 
 
-def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
-    """Return what a random fisheye of a projection sees of a random sky."""
+@dataclass(frozen=True)
+class Fisheye:
+    """A lens with radial(angle) = r / f in an image of shape (H, W) px; half_rad is its circle."""
+
+    shape: tuple[int, int]
+    radial: Callable[[np.ndarray], np.ndarray]
+    half_rad: float
+    focal_px: float
+    centre: np.ndarray
+
+    def radius_px(self, theta: np.ndarray) -> np.ndarray:
+        """Return the distances from the centre (N,) at angles to the axis (N,)."""
+        return self.focal_px * self.radial(theta)
+
+    def pixels(self, sensor: np.ndarray) -> np.ndarray:
+        """Return the pixels (N, 2) of unit vectors (N, 3)."""
+        theta = np.arccos(np.clip(sensor[:, 2], -1, 1))
+        across = sensor[:, :2] / np.maximum(np.linalg.norm(sensor[:, :2], axis=1), 1e-12)[:, None]
+        return self.centre + self.radius_px(theta)[:, None] * across
+
+    def shows(self, sensor: np.ndarray) -> np.ndarray:
+        """Return which unit vectors (N, 3) are in the circle and in the image."""
+        height, width = self.shape
+        uv = self.pixels(sensor)
+        return ((sensor[:, 2] > np.cos(self.half_rad))
+                & (uv > 0).all(1) & (uv < [width - 1, height - 1]).all(1))
+
+
+class Scene(NamedTuple):
+    """
+    The sky over a camera, in sensor axes but for the attitude q_icrf_from_sensor.
+
+    Stars to a magnitude are seen; hills_rad is the phase of the hills around the camera; clouds
+    (N, 3) are their middles, haze_rad is how high they reach all around.
+    """
+
+    zenith: np.ndarray
+    moon: np.ndarray
+    magnitude: float
+    attitude: np.ndarray
+    hills_rad: float
+    clouds: np.ndarray = np.empty((0, 3))
+    haze_rad: float = 0.0
+
+
+def draw_fisheye(rng: np.random.Generator, projection: str) -> Fisheye:
+    """Return a random fisheye of a projection."""
     shape = height, width = SHAPES[rng.integers(len(SHAPES))]
     radial = PROJECTIONS[projection](rng)
     half_rad = np.radians(rng.uniform(
@@ -89,31 +140,37 @@ def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
     focal_px = min(shape) / 2 * rng.uniform(*RADIUS) / radial(half_rad)
     centre = (np.array([width - 1, height - 1]) / 2
               + rng.uniform(-CENTRE, CENTRE, 2) * min(shape))
+    return Fisheye(shape, radial, half_rad, focal_px, centre)
 
-    def pixels(sensor: np.ndarray) -> np.ndarray:
-        theta = np.arccos(np.clip(sensor[:, 2], -1, 1))
-        across = sensor[:, :2] / np.maximum(np.linalg.norm(sensor[:, :2], axis=1), 1e-12)[:, None]
-        return centre + focal_px * radial(theta)[:, None] * across
 
-    tilt, towards = np.radians(TILT_DEG) * rng.uniform(), rng.uniform(0, 2 * np.pi)
+def draw_scene(rng: np.random.Generator, tilt_deg: float = TILT_DEG) -> Scene:
+    """Return a random sky over a camera whose axis is up to tilt_deg from the zenith."""
+    tilt, towards = np.radians(tilt_deg) * rng.uniform(), rng.uniform(0, 2 * np.pi)
     zenith = np.array([np.sin(tilt) * np.cos(towards), np.sin(tilt) * np.sin(towards),
                        np.cos(tilt)])
-    moon = random_directions(rng, 1)[0]
-    catalog = load_catalog().brighter_than(rng.uniform(*MAGNITUDE))
+    return Scene(zenith, random_directions(rng, 1)[0], rng.uniform(*MAGNITUDE),
+                 random_attitude(rng), rng.uniform(0, 2 * np.pi))
+
+
+def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
+    """Return what a random fisheye of a projection sees of a random sky."""
+    fisheye = draw_fisheye(rng, projection)
+    return draw_image(rng, fisheye, draw_scene(rng))
+
+
+def draw_image(rng: np.random.Generator, fisheye: Fisheye, scene: Scene) -> FisheyeNight:
+    """Return what a fisheye sees."""
+    height, width = fisheye.shape
+    zenith, moon, limit, attitude, hills_rad, clouds, haze_rad = scene
+    catalog = load_catalog().brighter_than(limit)
     icrf = catalog.directions(EPOCH_YEAR)
-    sensor = icrf @ matrix_from_quaternion(random_attitude(rng))
-
-    def in_circle(direction: np.ndarray) -> np.ndarray:
-        uv = pixels(direction)
-        return ((direction[:, 2] > np.cos(half_rad))
-                & (uv > 0).all(1) & (uv < [width - 1, height - 1]).all(1))
-
+    sensor = icrf @ matrix_from_quaternion(attitude)
     elevation = np.arcsin(np.clip(sensor @ zenith, -1, 1))
     # Hills and trees hide up to 12 deg above the horizon.
-    hills = np.radians(6 + 6 * np.sin(3 * np.arctan2(sensor[:, 1], sensor[:, 0])
-                                      + rng.uniform(0, 2 * np.pi)))
-    seen = (in_circle(sensor) & (elevation > hills)
+    hills = np.radians(6 + 6 * np.sin(3 * np.arctan2(sensor[:, 1], sensor[:, 0]) + hills_rad))
+    seen = (fisheye.shows(sensor) & (elevation > np.maximum(hills, haze_rad))
             & (sensor @ moon < np.cos(np.radians(_GLARE_DEG)))
+            & ~(sensor @ clouds.T > np.cos(np.radians(_CLOUD_DEG))).any(axis=1)
             & (rng.uniform(size=len(sensor)) > _MISSING))
     magnitude = (catalog.magnitude[seen] + rng.normal(0, _SCATTER, np.count_nonzero(seen))
                  + _EXTINCTION / np.sin(np.maximum(elevation[seen], 0.05)))
@@ -121,18 +178,49 @@ def draw_night(rng: np.random.Generator, projection: str) -> FisheyeNight:
     bright = flux.max(initial=1.0)
     lamps = random_directions(rng, 40 * LAMPS)
     lamps = lamps[np.abs(lamps @ zenith) < np.sin(np.radians(5.0))]
-    lamps = pixels(lamps[in_circle(lamps)])[:LAMPS]
-    lights = np.vstack([pixels(moon[None])[in_circle(moon[None])], lamps])
+    lamps = fisheye.pixels(lamps[fisheye.shows(lamps)])[:LAMPS]
+    lights = np.vstack([fisheye.pixels(moon[None])[fisheye.shows(moon[None])], lamps])
     rest = FALSE - len(lights)
     noise_px = rng.uniform(*NOISE_PX)
-    own = pixels(sensor[seen])
+    own = fisheye.pixels(sensor[seen])
     uv = np.vstack([own + rng.normal(0, noise_px, own.shape), lights,
                     rng.uniform(0, [width - 1, height - 1], (rest, 2))])
     return FisheyeNight(
-        shape, spots(uv, np.concatenate([
+        fisheye.shape, spots(uv, np.concatenate([
             flux, bright * 10 ** rng.uniform(-0.8, 0.8, len(lights)),
             rng.choice(flux, rest) if len(flux) else rng.uniform(size=rest)]), noise_px),
         icrf[seen], own)
+
+
+def draw_images_of_a_night(rng: np.random.Generator, projection: str, count: int
+                           ) -> tuple[Fisheye, list[FisheyeNight]]:
+    """
+    Return a fisheye that sees the whole sky, and so many of its images of eight hours.
+
+    Its radius differs from that of the projection as those of lenses do. The sky turns; clouds
+    and haze change from image to image.
+    """
+    shape = height, width = SHAPES[rng.integers(len(SHAPES))]
+    radial = PROJECTIONS[projection](rng)
+    a, b, c = rng.normal(0, _DEVIATION, 3)
+    horizon = radial(np.array(np.pi / 2))
+
+    def real(theta: np.ndarray) -> np.ndarray:
+        r = radial(theta) / horizon
+        return radial(theta) * (1 + a * (r ** 3 - 1) + b * (r ** 2 - 1) + c * (r - 1))
+    middle = np.array([width - 1, height - 1]) / 2
+    fisheye = Fisheye(shape, real, np.pi / 2, min(shape) / 2 * rng.uniform(0.9, 1.1) / horizon,
+                      middle + rng.uniform(-0.02, 0.02, 2) * min(shape))
+    scene = draw_scene(rng, _NIGHT_TILT_DEG)._replace(magnitude=MAGNITUDE[1])
+    images = []
+    for hours in np.linspace(0, _NIGHT_HOURS, count):
+        turn = quaternion_from_rotation_vector(
+            np.array([0.0, 0.0, np.radians(_SKY_DEG_PER_HOUR * hours)]))
+        images.append(draw_image(rng, fisheye, scene._replace(
+            moon=-scene.zenith, attitude=multiply(turn, scene.attitude),
+            clouds=random_directions(rng, int(rng.integers(_MOST_CLOUDS))),
+            haze_rad=np.radians(rng.uniform(*_HAZE_DEG)))))
+    return fisheye, images
 
 
 def draw_cropped(rng: np.random.Generator) -> FisheyeNight:

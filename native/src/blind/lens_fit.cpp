@@ -3,6 +3,7 @@
 
 #include "blind/lens_fit.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "maths/sorting.h"
@@ -14,6 +15,11 @@ constexpr int STEPS = 3;           // of Gauss and Newton for each association
 constexpr double SMALL_PX = 1e-3;  // a smaller change is the last
 constexpr double LEAST_ERROR_PX = 0.1;
 constexpr double TAIL = 9.0;  // of the weights, in variances: of a t-distribution
+
+/// Return the weight of a residual of this square.
+double weight_of(double square, double variance) {
+    return 1 / (variance * (1 + square / (TAIL * variance)));
+}
 
 /// Return the parameters of a lens relative to those of another, d being zero.
 Parameters drift(const Lens &lens, const Lens &start, int parameters) {
@@ -38,6 +44,30 @@ double error_of(double *square, int count) {
     return std::sqrt(median(square, count) / (2 * M_LN2) / freedom);
 }
 
+/// Set what the prior tells of the parameters of a lens.
+void set_prior(const LensPrior &prior, const Lens &lens, ParameterMatrix &information,
+               Parameters &gradient) {
+    const Parameters off = drift(lens, prior.start, prior.parameters);
+    information = identity<MOST_PARAMETERS>();
+    const int alone = std::min(prior.parameters, RADIAL + 1);
+    for (int k = 0; k < alone; ++k) {
+        information[k][k] = 1 / (prior.free[k] * prior.free[k]);
+        gradient[k] = -off[k] * information[k][k];
+    }
+    const ProjectionTail family = tail_of_projection(lens.terms.k1);
+    const double term[3] = {lens.terms.k2, lens.terms.k3, lens.terms.k4};
+    for (int k = alone; k < prior.parameters; ++k) {
+        const double residual = term[k - alone] - family.term[k - alone];
+        const double slope = family.slope[k - alone];
+        const double weight = weight_of(residual * residual, prior.free[k] * prior.free[k]);
+        information[k][k] = weight;
+        information[RADIAL][k] = -weight * slope;
+        information[RADIAL][RADIAL] += weight * slope * slope;
+        gradient[k] = -weight * residual;
+        gradient[RADIAL] += weight * slope * residual;
+    }
+}
+
 /// Add what a star tells of the parameters, the upper triangle of the information.
 void add_star(const Matrix<2, MOST_PARAMETERS> &partial, const Point &residual, double weight,
               ParameterMatrix &information, Parameters &gradient) {
@@ -51,6 +81,21 @@ void add_star(const Matrix<2, MOST_PARAMETERS> &partial, const Point &residual, 
 }
 
 }  // namespace
+
+ProjectionTail tail_of_projection(double k1) {
+    // Coefficients of k1^2, k1^3 and k1^4 in the series of the sine and of the tangent.
+    constexpr double SINE[3] = {3.0 / 10, 3.0 / 70, 1.0 / 280};
+    constexpr double TANGENT[3] = {6.0 / 5, 51.0 / 35, 62.0 / 35};
+    const double *series = k1 < 0 ? SINE : TANGENT;
+    ProjectionTail family{};
+    double power = k1;
+    for (int n = 0; n < 3; ++n) {
+        family.slope[n] = (n + 2) * series[n] * power;
+        power *= k1;
+        family.term[n] = series[n] * power;
+    }
+    return family;
+}
 
 LensView changed(const LensView &view, const Parameters &change) {
     Lens lens = view.lens;
@@ -103,13 +148,9 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
             }
         }
         fit.error_px = error_of(square, count);
-        const Parameters off = drift(fit.view.lens, prior.start, prior.parameters);
-        ParameterMatrix information = identity<MOST_PARAMETERS>();
+        ParameterMatrix information{};
         Parameters gradient{};
-        for (int k = 0; k < prior.parameters; ++k) {
-            information[k][k] = 1 / (prior.free[k] * prior.free[k]);
-            gradient[k] = -off[k] * information[k][k];
-        }
+        set_prior(prior, fit.view.lens, information, gradient);
         for (int i = 0; i < seen.spots; ++i) {
             if (star[i] < 0) {
                 continue;
@@ -127,7 +168,7 @@ void fit_lens(const LensPrior &prior, const SkyAndSpots &seen, const int32_t *st
             const double variance = std::fmax(sigma * sigma + LEAST_ERROR_PX * LEAST_ERROR_PX,
                                               fit.error_px * fit.error_px);
             add_star(derivatives(lens, plane, pixel, prior.parameters), residual,
-                     1 / (variance * (1 + distance2 / (TAIL * variance))), information, gradient);
+                     weight_of(distance2, variance), information, gradient);
         }
         for (int j = 0; j < MOST_PARAMETERS; ++j) {
             for (int k = 0; k < j; ++k) {

@@ -7,6 +7,12 @@
 // the attitude by a turn d about the sensor axes, the focal length by e^a, the pixel ratio by e^b,
 // the principal point by w (g, h), w the width, and k1 by k. Those of a fisheye have k (4) of k1 to
 // k4.
+//
+// Fisheyes are near one family of projections, r / f = sin(b theta) / b: b = 1 orthographic, 1/2
+// equisolid, 0 equidistant, and tan(c theta) / c beyond, c = 1/2 stereographic. Its series has
+// k1 = -b^2 / 6 or c^2 / 3 and the other terms c_n(k1), tail_of_projection(). The prior of k_n,
+// n = 2 to 4, has the mean c_n(k1) at the k1 of each step. Its weight is that of a t-distribution,
+// as the stars have it: a lens unlike the family is followed where the stars show it.
 
 #pragma once
 
@@ -29,7 +35,8 @@ struct LensView {
     Quaternion q;
 };
 
-/// Where a fit begins: prior standard deviations of so many parameters about those of a lens.
+/// Where a fit begins: prior standard deviations of so many parameters about those of a lens, of k2 to
+/// k4 about the family of projections.
 struct LensPrior {
     Lens start;
     const double *free;
@@ -50,6 +57,14 @@ struct SkyAndSpots {
     const double *sigma_px;
     int stars, spots;
 };
+
+/// The terms k2 to k4 of a projection of the family, and their derivatives by k1.
+struct ProjectionTail {
+    double term[3], slope[3];
+};
+
+/// Return those of the projection that has k1.
+ProjectionTail tail_of_projection(double k1);
 
 /// Return a lens with its parameters changed; those that it does not have are zero.
 LensView changed(const LensView &view, const Parameters &change);
