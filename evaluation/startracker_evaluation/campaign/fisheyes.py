@@ -200,7 +200,7 @@ def draw_images_of_a_night(rng: np.random.Generator, projection: str, count: int
     Its radius differs from that of the projection as those of lenses do. The sky turns; clouds
     and haze change from image to image.
     """
-    shape = height, width = SHAPES[rng.integers(len(SHAPES))]
+    shape = height, width = SHAPES[rng.integers(2)]
     radial = PROJECTIONS[projection](rng)
     a, b, c = rng.normal(0, _DEVIATION, 3)
     horizon = radial(np.array(np.pi / 2))
