@@ -30,7 +30,7 @@ from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, rotate)
 from startracker_ros.photographs.ladder import Attempt
 from startracker_ros.photographs.lens_fit import (
-    camera_of, changed, FISHEYE_TERMS, LEAST_ERROR_PX, lens_of, SkyAndSpots, stars_in_image)
+    camera_of, changed, FISHEYE_TERMS, LEAST_ERROR_PX, lens_of, LensError, SkyAndSpots, stars_in_image)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
@@ -56,8 +56,9 @@ _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are f
 # held near each of these values of k1 until their stars stay.
 _GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
 _KEPT_SHARE = 0.75  # of the matches that lead to the fit
-# Of so many nearest stars of the catalogue a share is matched around a match of a fisheye.
-_AROUND, _LEAST_AROUND = 8, 0.25
+# A match of a fisheye where the lens is less certain than this share of the error of a spot, 1 px at
+# least, needs so many matches, as a share, among so many nearest stars of the catalogue.
+_OPEN, _LEAST_OPEN_PX, _LEAST_AROUND, _AROUND = 0.45, 1.0, 0.25, 8
 _LIMIT_SIGMAS = 3.0
 _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
 
@@ -69,7 +70,8 @@ class EstimatedLens:
 
     The covariance of attitude contains the errors of the lens; star (N,) is the catalogue index
     of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is the error per axis that
-    the residuals show; rejected says why it is not to be used, empty if it is.
+    the residuals show; rejected says why it is not to be used, empty if it is. error is that of
+    its pixels, None of a lens that is not fitted.
     """
 
     camera: Camera
@@ -79,6 +81,7 @@ class EstimatedLens:
     residual_px: np.ndarray
     sigma_px: float
     rejected: str
+    error: LensError | None = None
 
     @property
     def matched(self) -> int:
@@ -126,7 +129,8 @@ def estimate_lens(attempt: Attempt, focal_error: float) -> EstimatedLens:
     residual = image.residuals(fit, camera)
     return EstimatedLens(camera, _attitude(fit, residual, centroids), camera.fx / nominal.fx,
                       fit.star, np.hypot(*residual.T), fit.error_px,
-                      _reason(fit, camera, nominal, focal_error, first, image.possible(fit)))
+                      _reason(fit, camera, nominal, focal_error, first, image.possible(fit)),
+                      LensError(camera, fit.covariance))
 
 
 class _Fit(NamedTuple):
@@ -166,7 +170,7 @@ class _Image:
             lens = self._fitted(lens, start, free, star)
             error_px, before, growing = float(lens['error_px']), star, iteration < _GROWING
             if self._start.model.equidistant:
-                star = self._among_others(lens, self._seen.gated(
+                star = self._among_others(lens, len(free), self._seen.gated(
                     lens, len(free), max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS)))
             else:
                 star = self._matched(lens, self._gate(
@@ -233,24 +237,28 @@ class _Image:
             raise CameraError(f'distortion k1 {k1:.2g} folds the image over itself')
         return found
 
-    def _among_others(self, lens: np.ndarray, star: np.ndarray) -> np.ndarray:
+    def _among_others(self, lens: np.ndarray, parameters: int, star: np.ndarray) -> np.ndarray:
         """
-        Return the star (N,) of each centroid, -1 where hardly any star around it is matched.
+        Return the star (N,) of each centroid, -1 where it alone would decide what the lens is.
 
-        One lamp in the gate of a star behind hills or clouds would decide what the lens is there.
+        There hardly any star around it is matched: it is mostly a lamp in the gate of a star that
+        is behind hills or clouds.
         """
-        matched = np.flatnonzero(star >= 0)
-        near, _ = stars_in_image(lens, self._onboard.direction)
+        direction, matched = self._onboard.direction, np.flatnonzero(star >= 0)
+        near, _ = stars_in_image(lens, direction)
         near = near[near <= self._deepest(star)]
         if len(near) <= _AROUND:
             return star
-        direction = self._onboard.direction
+        sigma_px = LensError(camera_of(lens, self._start.distortion_model),
+                             lens['covariance'][:parameters, :parameters]).sigma_px(
+                                 self._centroids.uv[matched])
+        matched = matched[~(sigma_px < _OPEN * max(lens['error_px'], _LEAST_OPEN_PX))]
         _, around = cKDTree(direction[near]).query(direction[star[matched]], _AROUND + 1)
         around = near[around]
         others = around != star[matched, None]
-        shares = (np.isin(around, star[matched]) & others).sum(axis=1) / others.sum(axis=1)
+        share = (np.isin(around, star) & others).sum(axis=1) / others.sum(axis=1)
         found = star.copy()
-        found[matched[shares < _LEAST_AROUND]] = -1
+        found[matched[share < _LEAST_AROUND]] = -1
         return found
 
     def _deepest(self, star: np.ndarray) -> int:

@@ -15,7 +15,7 @@ from startracker_ros.core.camera.distortion import MODELS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 
-RADIAL = 7  # where k begins
+_FOCAL, RADIAL = 3, 7  # where a is, and where k begins
 LEAST_ERROR_PX = 0.1
 _HORIZON_SQUARE = (np.pi / 2) ** 2
 _UNLIKE = 0.02
@@ -54,6 +54,39 @@ def changed(lens: np.ndarray, change: np.ndarray) -> np.ndarray:
     other['quaternion'] = multiply(
         lens['quaternion'], quaternion_from_rotation_vector(change[:3]))
     return other
+
+
+class LensError:
+    """
+    The error that a fitted lens has at each pixel.
+
+    covariance (P, P) is that of its parameters; those of the focal length and of the radial terms
+    move the pixel of a star at a distance from the axis.
+    """
+
+    def __init__(self, camera: Camera, covariance: np.ndarray) -> None:
+        used = [_FOCAL, *range(RADIAL, len(covariance))]
+        self._camera, self._covariance = camera, covariance[np.ix_(used, used)]
+
+    def sigma_px(self, uv: np.ndarray) -> np.ndarray:
+        """Return the standard deviations (N,) of the radii of pixels (N, 2); NaN for no star."""
+        camera = self._camera
+        theta = np.arccos(np.clip(camera.unproject(uv)[:, 2], -1, 1))
+        plane = theta if camera.model.equidistant else np.tan(theta)
+        terms = np.arange(1, len(self._covariance))
+        partial = np.column_stack([
+            np.hypot(*((uv - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).T),
+            plane[:, None] ** (2 * terms + 1)])
+        return camera.fx * np.sqrt(np.einsum('ni,ij,nj->n', partial, self._covariance, partial))
+
+    def relative(self, uv: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of the angles to the axis as shares of them; NaN for no star."""
+        camera = self._camera
+        outwards = uv - (camera.cx, camera.cy)
+        outwards /= np.hypot(*outwards.T)[:, None]
+        angle, farther = (np.arccos(np.clip(camera.unproject(pixel)[:, 2], -1, 1)) for pixel in (
+            uv, uv + self.sigma_px(uv)[:, None] * outwards))
+        return farther / angle - 1
 
 
 class SkyAndSpots:

@@ -205,7 +205,8 @@ class PhotographSolver:
             return None, lens.rejected
         found = _identification(attempt, lens, attempts * self._count, observer)
         return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                        SkyMapping(lens.camera, lens.attitude.quaternion), seen, fitted=True), ''
+                        SkyMapping(lens.camera, lens.attitude.quaternion), seen, fitted=True,
+                        lens_error=lens.error), ''
 
     def _narrow(self, nominal: Camera | None, shape: tuple[int, int], place: Place | None
                 ) -> tuple[list[_Search], list[str]]:

@@ -18,6 +18,7 @@ from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.values import Summarised
 from startracker_ros.io.images.images import Photograph
 from startracker_ros.photographs.deep_sky import deep_sky_in
+from startracker_ros.photographs.lens_fit import LensError
 from startracker_ros.photographs.picture import annotated, captioned, Colour, TEXT
 from startracker_ros.photographs.sip import Cards, image_wcs
 from startracker_ros.photographs.sky_marks import DEEP_SKY, NAMED
@@ -25,7 +26,7 @@ from startracker_ros.photographs.uncatalogued import Uncatalogued, uncatalogued
 
 MIN_STARS = 4
 _MOST_LISTED = 4  # of the uncatalogued, below a picture
-_FARTHEST_STARS = 1.15  # so much farther than its stars the lens of a fisheye is known
+_LARGEST_FOV_ERROR = 0.01  # 1 sigma of the angle of an edge, as a share, for a fisheye
 
 STAR = np.dtype([
     ('hip', np.int32), ('magnitude', float), ('ra_deg', float), ('dec_deg', float),
@@ -56,6 +57,7 @@ class Solution(Summarised):
         mirrored: Whether the image that was given is mirrored: it is solved flipped from left to
             right, and all pixels are of the flipped image.
         fitted: Whether the lens is fitted to this image, not that of a calibrated camera.
+        lens_error: The error of the fitted lens at each pixel (LensError); else None.
         photograph: The image as it was solved, with the order of the rows of its file.
         epoch_year: Julian year of the star places.
         lens_from: The image whose lens was used to identify the stars; empty for none.
@@ -76,6 +78,7 @@ class Solution(Summarised):
     turned_over: bool = False
     mirrored: bool = False
     fitted: bool = False
+    lens_error: LensError | None = None
     photograph: Photograph | None = None
     epoch_year: float = float('nan')
     lens_from: str = ''
@@ -149,22 +152,21 @@ class Solution(Summarised):
         """
         Horizontal field of view with the distortion, deg; NaN without an attitude.
 
-        NaN as well for a fisheye whose lens is fitted to stars that are far from these edges: all
-        beyond its stars, as the black margin, is extrapolated.
+        NaN as well for a fisheye whose stars leave the angle of one of these edges uncertain by
+        1 % (1 sigma) and more, or which has a black margin there.
         """
-        if not self.solved or self.fitted and self.camera.model.equidistant and self._margin:
+        if not self.solved or not self._shows_its_edges:
             return float('nan')
         return float(np.degrees(self.camera.seen_x_rad))
 
     @property
-    def _margin(self) -> bool:
-        """Return whether the left or right edge is outside of the circle or far from stars."""
+    def _shows_its_edges(self) -> bool:
+        """Return whether the angles of the left and of the right edge are known."""
         camera = self.camera
+        if self.lens_error is None or not camera.model.equidistant:
+            return True
         edges = np.array([[-0.5, camera.cy], [camera.width - 0.5, camera.cy]])
-        uv = self.centroids.uv[self.identification.hip > 0]
-        stars_px = np.hypot(uv[:, 0] - camera.cx, uv[:, 1] - camera.cy).max()
-        return bool(np.abs(edges[:, 0] - camera.cx).max() > _FARTHEST_STARS * stars_px
-                    or np.isnan(camera.unproject(edges)).any())
+        return bool((self.lens_error.relative(edges) < _LARGEST_FOV_ERROR).all())
 
     @property
     def matched(self) -> int:
@@ -227,7 +229,7 @@ class Solution(Summarised):
             return ()
         return uncatalogued(
             self.photograph.image, self.centroids, self.identification, self.sky,
-            self.epoch_year, self.bodies)
+            self.epoch_year, self.bodies, self.lens_error)
 
     def annotate(self, name: str = '', *, deep_sky: bool = False) -> np.ndarray:
         """

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.core.astro.earth import earth_position_au
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -22,6 +21,7 @@ from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, radec_from_unit
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.photographs.lens_fit import LensError
 
 # Fewer stars have no zero point of the brightness.
 _LEAST_STARS = 6
@@ -32,8 +32,6 @@ _SIGMAS, _LEAST_SIGMA_MAG, _DOUBLE_MAG = 3.0, 0.1, 0.5
 _NEAR_PX, _NEAR_SHARE = 8.0, 0.01
 _SAME_PX = 3.0  # the centre of the flux of a spot from the centroid of its star
 _SPOT_PX, _SHARPER = 2, 1.2  # half of the side of a spot; hot pixels than the sharpest star
-# So much farther from the optical axis than the identified stars a fitted lens is known.
-_FARTHEST_STARS = 1.15
 
 
 class Uncatalogued(NamedTuple):
@@ -47,13 +45,15 @@ class Uncatalogued(NamedTuple):
 
 
 def uncatalogued(image: np.ndarray, centroids: Centroids, found: Identification, sky: SkyMapping,
-                 year: float, bodies: tuple[BodyInImage, ...]) -> tuple[Uncatalogued, ...]:
+                 year: float, bodies: tuple[BodyInImage, ...], lens_error: LensError | None
+                 ) -> tuple[Uncatalogued, ...]:
     """
     Return what an image (H, W) has without a catalogue star, planet, Moon or Sun, brightest first.
 
     Spots of any shape, saturated ones too, that are brighter than half of the identified stars,
     and than the catalogue is complete; none where too few stars are identified. Those that are
-    sharper than all stars, or close together as the letters of a text, are left out.
+    sharper than all stars, or close together as the letters of a text, are left out, and those
+    where the lens_error of a fitted lens may hide their star.
     """
     star = found.hip > 0
     if np.count_nonzero(star) < _LEAST_STARS:
@@ -76,8 +76,9 @@ def uncatalogued(image: np.ndarray, centroids: Centroids, found: Identification,
     complete = _HIPPARCOS_LIMIT if len(catalog) == len(load_catalog()) else DEEP_LIMIT
     limit = min(complete - margin_mag, float(np.median(found.magnitude[star])))
     near_px = max(_NEAR_PX, _NEAR_SHARE * camera.width)
-    bright = ~known & (magnitude < limit) & _where_the_lens_is_known(
-        uv, centroids.uv[star], camera)
+    bright = ~known & (magnitude < limit)
+    if lens_error is not None:
+        bright &= _SIGMAS * lens_error.sigma_px(uv) < near_px
     for body in bodies:
         bright &= np.hypot(*(uv - (body.u, body.v)).T) > body.radius_px + near_px
     rows = np.flatnonzero(bright)
@@ -104,12 +105,6 @@ def _sharpness(image: np.ndarray, pixel: np.ndarray) -> float:
                      max(u - radius, 0):u + radius + 1].astype(float)
     light = around(_SPOT_PX) - np.median(around(2 * _SPOT_PX + 1))
     return float(light.max() / max(light.sum(), light.max(), 1.0))
-
-
-def _where_the_lens_is_known(uv: np.ndarray, stars: np.ndarray, camera: Camera) -> np.ndarray:
-    radius_px, of_stars_px = (
-        np.hypot(*(each - (camera.cx, camera.cy)).T) for each in (uv, stars))
-    return radius_px < _FARTHEST_STARS * of_stars_px.max()
 
 
 def _stars(catalog: StarCatalog, limit: float, sky: SkyMapping, year: float
