@@ -311,8 +311,8 @@ ST_API st_status st_support_in_cells(const st_star_cells *sky, const st_image_st
 
 /* Start of a lens fit. free has the prior standard deviations of its parameters: rotation about
  * sensor axes (3) in rad, logarithms of focal length and pixel ratio, principal point (2) in image
- * widths, k1, and k2 to k4 about those of the projection sin(b theta) / b or tan(c theta) / c that
- * has k1. */
+ * widths, and the radial terms from k1 on: k2 to k4 of an equidistant model about those of the
+ * projection sin(b theta) / b or tan(c theta) / c that has its k1. */
 typedef struct {
     st_camera start;
     double free[ST_MOST_LENS_PARAMETERS];

@@ -49,7 +49,7 @@ void set_prior(const LensPrior &prior, const Lens &lens, ParameterMatrix &inform
                Parameters &gradient) {
     const Parameters off = drift(lens, prior.start, prior.parameters);
     information = identity<MOST_PARAMETERS>();
-    const int alone = std::min(prior.parameters, RADIAL + 1);
+    const int alone = lens.equidistant ? std::min(prior.parameters, RADIAL + 1) : prior.parameters;
     for (int k = 0; k < alone; ++k) {
         information[k][k] = 1 / (prior.free[k] * prior.free[k]);
         gradient[k] = -off[k] * information[k][k];

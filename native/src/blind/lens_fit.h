@@ -36,7 +36,7 @@ struct LensView {
 };
 
 /// Where a fit begins: prior standard deviations of so many parameters about those of a lens, of k2 to
-/// k4 about the family of projections.
+/// k4 of a fisheye about the family of projections.
 struct LensPrior {
     Lens start;
     const double *free;
