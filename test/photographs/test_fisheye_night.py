@@ -8,7 +8,7 @@ import pytest
 from startracker_evaluation.campaign.fisheyes import (
     draw_images_of_a_night, EPOCH_YEAR, PROJECTIONS)
 from startracker_ros.core.camera.distortion import EQUIDISTANT
-from startracker_ros.core.camera.model import Camera, native_camera, project
+from startracker_ros.core.camera.model import Camera, native_camera
 from startracker_ros.core.maths.rotation import random_attitude, rotate
 from startracker_ros.photographs.lens_fit import (
     camera_of, FISHEYE_TERMS, lens_of, LensError, SkyAndSpots)
@@ -64,22 +64,20 @@ def fitted(radial, reach_deg, rng, noise_px=0.3, stars=120):
 
 @pytest.mark.parametrize('projection', ['equidistant', 'equisolid', 'stereographic',
                                         'orthographic'])
-def test_stars_to_fifty_degrees_lead_to_the_horizon(projection):
-    rng = np.random.default_rng(3)
+def test_stars_to_fifty_degrees_lead_to_eighty(projection):
+    rng, farther = np.random.default_rng(3), np.radians(80.0)
     radial = PROJECTIONS[projection](rng)
-    truth, off, sigmas = 300.0 * radial(np.array(np.pi / 2)), [], []
+    truth, off, sigmas = 300.0 * radial(np.array(farther)), [], []
     edge = 499.5 + np.array([[truth, 0.0]])
     for _ in range(20):
         lens = fitted(radial, 50.0, rng)
-        # The terms alone: a pixel beyond the last angle of a lens that folds has none.
-        r = project(lens['camera'], np.array([[1.0, 0.0, 0.0]]))[0, 0] - lens['camera']['cx_px']
-        off.append(r / truth - 1)
         camera = camera_of(lens, EQUIDISTANT)
+        u, _ = camera.project(np.array([np.sin(farther), 0.0, np.cos(farther)]))
+        off.append((u - camera.cx) / truth - 1)
         sigmas.append(LensError(camera, lens['covariance']).sigma_px(edge)[0] / truth)
-    # Deviations of real lenses, which these do not have, are the larger part of the error.
-    assert np.sqrt(np.mean(np.square(off))) < 0.01
-    known = np.array(sigmas)[~np.isnan(sigmas)]
-    assert (known > 0.005).all() and (known < 0.05).all()
+    assert np.sqrt(np.mean(np.square(off))) < 0.007
+    # Most of it are deviations of real lenses, which these do not have.
+    assert 0.005 < np.nanmedian(sigmas) < 0.03
 
 
 def test_the_error_of_an_angle_grows_beyond_the_stars():
@@ -90,8 +88,8 @@ def test_the_error_of_an_angle_grows_beyond_the_stars():
     angles = np.radians([20.0, 45.0, 60.0, 75.0])
     uv = camera.project(np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1))
     relative = error.relative(uv)
-    assert (np.diff(relative) > 0).all()
-    assert relative[1] < 0.002 and relative[3] > 0.005
+    assert relative[:2].max() < 0.001 and relative[1] < relative[2] < relative[3]
+    assert relative[3] > 0.005
     assert np.isnan(error.relative(np.array([[9e3, 499.5]]))).all()
     # That of a rectilinear lens that is known exactly is zero.
     exact = LensError(Camera(1000, 1000, 900.0, 900.0, 499.5, 499.5), np.zeros((8, 8)))
