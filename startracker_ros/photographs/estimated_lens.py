@@ -30,7 +30,8 @@ from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, rotate)
 from startracker_ros.photographs.ladder import Attempt
 from startracker_ros.photographs.lens_fit import (
-    camera_of, changed, FISHEYE_TERMS, LEAST_ERROR_PX, lens_of, LensError, SkyAndSpots, stars_in_image)
+    camera_of, changed, FISHEYE_TERMS, LEAST_ERROR_PX, lens_of, LensError, SkyAndSpots,
+    stars_in_image)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
@@ -56,8 +57,8 @@ _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are f
 # held near each of these values of k1 until their stars stay.
 _GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
 _KEPT_SHARE = 0.75  # of the matches that lead to the fit
-# A match of a fisheye where the lens is less certain than this share of the error of a spot, 1 px at
-# least, needs so many matches, as a share, among so many nearest stars of the catalogue.
+# A match of a fisheye where the lens is less certain than this share of the error of a spot, 1 px
+# at least, needs so many matches, as a share, among so many nearest stars of the catalogue.
 _OPEN, _LEAST_OPEN_PX, _LEAST_AROUND, _AROUND = 0.45, 1.0, 0.25, 8
 _LIMIT_SIGMAS = 3.0
 _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 from startracker_evaluation.campaign.fisheyes import (
-    draw_images_of_a_night, EPOCH_YEAR, PROJECTIONS)
+    draw_images_of_a_night, EPOCH_YEAR, horizon_px, PROJECTIONS)
 from startracker_ros.core.camera.distortion import EQUIDISTANT
 from startracker_ros.core.camera.model import Camera, native_camera
 from startracker_ros.core.maths.rotation import random_attitude, rotate
@@ -16,13 +16,6 @@ from startracker_ros.photographs.photograph import PhotographSolver
 
 IMAGES, HAZIEST = 12, 3
 FREE = np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, *FISHEYE_TERMS])
-
-
-def horizon_px(camera):
-    """Return the distance of the horizon from the axis, of the outermost pixel where it folds."""
-    angle = min(np.pi / 2, camera.farthest_rad)
-    u, v = camera.project(np.array([np.sin(angle), 0.0, np.cos(angle)]))
-    return np.hypot(u - camera.cx, v - camera.cy)
 
 
 @pytest.mark.slow

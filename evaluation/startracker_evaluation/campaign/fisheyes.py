@@ -10,7 +10,8 @@ It sees stars to V 4 to 5 above an uneven horizon and outside the glare of the M
 air, with a noise of 0.3 to 1 px, and 30 false detections: the Moon, lamps along the horizon,
 the rest anywhere. A cropped image is a part, anywhere, of one of a distorted rectilinear lens. The
 solver of photographs is given the star list and the shape of the image, nothing else. Lists
-without a sky, and mirrored and shuffled nights, must have no answer.
+without a sky, and mirrored and shuffled nights, must have no answer. Images of an all-sky camera
+through a night, each solved by itself, must have the horizon at the same radius.
 """
 
 from collections.abc import Callable
@@ -38,14 +39,15 @@ SHAPES = (1000, 1000), (960, 1280), (1080, 1920)
 FOV_DEG, RADIUS, CENTRE, TILT_DEG = (100.0, 190.0), (0.85, 1.4), 0.1, 75.0
 MAGNITUDE, NOISE_PX, FALSE, LAMPS = (4.0, 5.0), (0.3, 1.0), 30, 9
 _EXTINCTION, _SCATTER, _MISSING, _GLARE_DEG = 0.2, 0.3, 0.05, 10.0
-# An all-sky camera through a night: deviations of its radius, as a share of that of the horizon, in
-# the three terms by which Hugin and Lensfun describe lenses.
+# An all-sky camera through a night: deviations of its radius, as a share of that of the horizon,
+# in the three terms of Hugin and Lensfun.
 _DEVIATION, _NIGHT_TILT_DEG, _NIGHT_HOURS, _SKY_DEG_PER_HOUR = 0.01, 8.0, 8.0, 15.041
 _CLOUD_DEG, _MOST_CLOUDS, _HAZE_DEG = 15.0, 12, (5.0, 35.0)
 CROPPED_DEG, CROPPED_K1, CROPPED, CROPPED_STARS = (60.0, 100.0), (-0.2, 0.1), (0.5, 0.8), (25, 60)
 _CROPPED_OF, _CROPPED_FALSE = (2000, 1500), 12
 _CORRECT_PX = 3.0  # median error of the stars in the fitted lens
 _TIME_S = 5.0
+_SCATTER_PERCENT = 2.0  # of the horizon over a night
 _PART_TRIALS = 25
 
 
@@ -305,7 +307,8 @@ NO_SKIES: dict[str, Callable[[np.random.Generator], FisheyeNight]] = {
     'mirrored': draw_mirrored, 'shuffled': draw_shuffled}
 """What has no answer, by name."""
 
-KINDS = (*SKIES, *NO_SKIES)
+CAMERA = 'camera'
+KINDS = (*SKIES, *NO_SKIES, CAMERA)
 """Names of all draws."""
 
 
@@ -343,12 +346,44 @@ def solve_nights(name: str, trials: int, seed: int) -> NightOutcome:
     return NightOutcome(*(np.array(column) for column in zip(*rows)))
 
 
+@dataclass(frozen=True)
+class CameraOutcome:
+    """
+    The horizons of solved images (N,) of all-sky cameras.
+
+    Relative radii, from the truth and from the mean of the camera.
+    """
+
+    off: np.ndarray
+    from_mean: np.ndarray
+
+
+def horizon_px(camera: Camera) -> float:
+    """Return how far the horizon is from the axis, where the lens folds its last pixel."""
+    angle = min(np.pi / 2, camera.farthest_rad)
+    u, v = camera.project(np.array([np.sin(angle), 0.0, np.cos(angle)]))
+    return float(np.hypot(u - camera.cx, v - camera.cy))
+
+
+def follow_camera(trials: int, seed: int) -> CameraOutcome:
+    """Solve so many images of one night of an all-sky camera."""
+    rng, solver = np.random.default_rng(seed), PhotographSolver(EPOCH_YEAR)
+    projection = list(PROJECTIONS)[rng.integers(len(PROJECTIONS) - 1)]
+    fisheye, images = draw_images_of_a_night(rng, projection, trials)
+    solutions = [solver.solve_lists([night.centroids], night.shape) for night in images]
+    found = np.array([horizon_px(solution.camera) for solution in solutions
+                      if solution.solved and solution.camera.model.equidistant])
+    off = found / fisheye.radius_px(np.array(np.pi / 2)) - 1
+    return CameraOutcome(off, off - off.mean() if len(off) else off)
+
+
 def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                           scheduler: str = '') -> Result:
     """Run the draws of each kind and count."""
     names = tuple(dict.fromkeys(only or KINDS))
-    outcomes = dict(zip(names, parallel_trials(
-        solve_nights, [(name,) for name in names], trials, _PART_TRIALS, seed, title='fisheyes',
+    lists = [name for name in names if name != CAMERA]
+    outcomes = dict(zip(lists, parallel_trials(
+        solve_nights, [(name,) for name in lists], trials, _PART_TRIALS, seed, title='fisheyes',
         scheduler=scheduler)))
     of_skies = [name for name in names if name in SKIES]
     rows = []
@@ -362,6 +397,13 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                  Row('time, longest', float(np.max(nights.cpu_s)), 's', most=_TIME_S)]
     rows += [Row(f'accepted, {name}', int(np.sum(outcomes[name].wrong)), 'lists', exactly=0)
              for name in names if name in NO_SKIES]
+    if CAMERA in names:
+        camera, = parallel_trials(follow_camera, [()], trials, _PART_TRIALS, seed,
+                                  title='all-sky cameras', scheduler=scheduler)
+        rows += [
+            Row('horizon, rms of a night', 100 * float(np.sqrt(np.mean(camera.from_mean ** 2))),
+                '%', most=_SCATTER_PERCENT),
+            Row('horizon, largest error', 100 * float(np.max(np.abs(camera.off))), '%')]
     return Result('campaign fisheyes', rows, {
         'machine': machine(),
         'lens': f'{FOV_DEG[0]:g} to {FOV_DEG[1]:g} deg, axis off by up to {CENTRE:.0%} of the '
@@ -373,6 +415,8 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
         'spots': f'stars to V {MAGNITUDE[0]:g} to {MAGNITUDE[1]:g}, noise {NOISE_PX[0]:g} to '
                  f'{NOISE_PX[1]:g} px, {FALSE} false: the Moon, up to {LAMPS} lamps, the rest '
                  'anywhere',
+        'horizon': f'radius in images of {_NIGHT_HOURS:g} h of all-sky cameras, clouds and haze to '
+                   f'{_HAZE_DEG[0]:g} to {_HAZE_DEG[1]:g} deg above it, {_PART_TRIALS} of each',
         'given': 'nothing',
         'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
         'accepted': 'any answer to spots that are not sky',
