@@ -253,7 +253,7 @@ class _Image:
         sigma_px = LensError(camera_of(lens, self._start.distortion_model),
                              lens['covariance'][:parameters, :parameters]).sigma_px(
                                  self._centroids.uv[matched])
-        matched = matched[~(sigma_px < _OPEN * max(lens['error_px'], _LEAST_OPEN_PX))]
+        matched = matched[~(sigma_px < _OPEN * max(float(lens['error_px']), _LEAST_OPEN_PX))]
         _, around = cKDTree(direction[near]).query(direction[star[matched]], _AROUND + 1)
         around = near[around]
         others = around != star[matched, None]

@@ -139,7 +139,7 @@ def draw_fisheye(rng: np.random.Generator, projection: str) -> Fisheye:
     radial = PROJECTIONS[projection](rng)
     half_rad = np.radians(rng.uniform(
         FOV_DEG[0], 180.0 if projection == 'orthographic' else FOV_DEG[1])) / 2
-    focal_px = min(shape) / 2 * rng.uniform(*RADIUS) / radial(half_rad)
+    focal_px = float(min(shape) / 2 * rng.uniform(*RADIUS) / radial(half_rad))
     centre = (np.array([width - 1, height - 1]) / 2
               + rng.uniform(-CENTRE, CENTRE, 2) * min(shape))
     return Fisheye(shape, radial, half_rad, focal_px, centre)
@@ -211,7 +211,8 @@ def draw_images_of_a_night(rng: np.random.Generator, projection: str, count: int
         r = radial(theta) / horizon
         return radial(theta) * (1 + a * (r ** 3 - 1) + b * (r ** 2 - 1) + c * (r - 1))
     middle = np.array([width - 1, height - 1]) / 2
-    fisheye = Fisheye(shape, real, np.pi / 2, min(shape) / 2 * rng.uniform(0.9, 1.1) / horizon,
+    focal_px = float(min(shape) / 2 * rng.uniform(0.9, 1.1) / horizon)
+    fisheye = Fisheye(shape, real, np.pi / 2, focal_px,
                       middle + rng.uniform(-0.02, 0.02, 2) * min(shape))
     scene = draw_scene(rng, _NIGHT_TILT_DEG)._replace(magnitude=MAGNITUDE[1])
     images = []
@@ -415,8 +416,8 @@ def run_fisheyes_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
         'spots': f'stars to V {MAGNITUDE[0]:g} to {MAGNITUDE[1]:g}, noise {NOISE_PX[0]:g} to '
                  f'{NOISE_PX[1]:g} px, {FALSE} false: the Moon, up to {LAMPS} lamps, the rest '
                  'anywhere',
-        'horizon': f'radius in images of {_NIGHT_HOURS:g} h of all-sky cameras, clouds and haze to '
-                   f'{_HAZE_DEG[0]:g} to {_HAZE_DEG[1]:g} deg above it, {_PART_TRIALS} of each',
+        'horizon': f'radius, images of {_NIGHT_HOURS:g} h of all-sky cameras, {_PART_TRIALS} of '
+                   f'each, clouds and haze up to {_HAZE_DEG[0]:g} to {_HAZE_DEG[1]:g} deg',
         'given': 'nothing',
         'wrong': f'stars off by more than {_CORRECT_PX:g} px, median',
         'accepted': 'any answer to spots that are not sky',
