@@ -153,7 +153,7 @@ def test_stars_in_photographs(record):
 
 
 def test_unknown_lenses_of_photographs_are_grown(record):
-    direction = UnknownLensIdentifier(2019.5, lambda: None)._onboard.direction
+    direction = UnknownLensIdentifier(2019.5, lambda: None).onboard.direction
     for (row, free, bright, uv, sigma_px, spot, star, ratio), found in calls(record, 'grown'):
         probability, lens, quaternion, matched = found
         fit, fitted = SkyAndSpots(direction[:int(bright)], uv, sigma_px).grown(
