@@ -93,7 +93,7 @@ typedef struct {
     int32_t most_centroids;
     int32_t bases_by_brightness; /* 1: brightness chose the candidates and is not evidence */
     int32_t lens_unknown;        /* 1: the lens is fitted later, so near misses are allowed */
-    int32_t reserved;
+    int32_t in_cells;            /* stars that the cells have; the others are not looked for */
 } st_patterns;
 
 /* As st_size() and st_create(), for a tracker that identifies stars by these patterns. Other stages
@@ -254,14 +254,39 @@ ST_API st_status st_match_quads(const st_quad_table *table, const double *direct
                                 double high, int32_t *image, int32_t *row, double *ratio,
                                 size_t *found);
 
-/* The quads with A and B in pairs (count, 2) of the stars direction (stars, 3), and C and D two of
- * the most_inner brightest ones between them: code and star (found, 4), side_rad (found).
- * Neighbours of star s, brightest first, are start[s] to start[s + 1] - 1. The capacity is
- * most_inner (most_inner - 1) / 2 quads per pair; found is the number on output. */
-ST_API st_status st_make_quads(const double *direction, size_t stars, const int32_t *pairs,
-                               size_t count, const int32_t *neighbour, const int32_t *start,
-                               int32_t most_inner, float *code, int32_t *star, float *side_rad,
-                               size_t *found);
+/* Stars direction (stars, 3) of a level in the order of their cells in a cube with `cells` along
+ * each axis: start[c] to start[c + 1] - 1 are in cell c, and member (stars) is the rank of each by
+ * brightness. Sides of quads are chords of side to longest; a star within crowd of a brighter one
+ * is in none. */
+typedef struct {
+    const double *direction;
+    const int32_t *start, *member;
+    double side, longest, crowd;
+    int32_t stars, cells, most_inner, reserved;
+} st_quad_level;
+
+/* The quads of a level, C and D two of the most_inner brightest stars between A and B: code and
+ * ranks star (found, 4), side_rad (found). found is the capacity on input, the number on output; next is
+ * 0 at first, and the number of stars when all quads are made: call again until then. Work memory
+ * that stays between the calls: near, by_rank, square and alone (stars). */
+ST_API st_status st_make_quads(const st_quad_level *level, int32_t *near, int64_t *by_rank,
+                               double *square, uint8_t *alone, size_t *next, float *code,
+                               int32_t *star, float *side_rad, size_t *found);
+
+/* The cell (count) of each code (count, 4). */
+ST_API st_status st_quad_cells(const float *code, size_t count, int32_t *cell);
+
+/* The order (count) of things in cells cell (count), stable; those of cell c are order[start[c]] to
+ * order[start[c + 1] - 1]. */
+ST_API st_status st_sort_by_cell(const int32_t *cell, size_t count, int32_t cells, int32_t *start,
+                                 int32_t *order);
+
+/* Choose (stars) the first `most` stars of each cell of the sky, brightest first. The sky has bands
+ * of equal height in declination; the cells of band b are first[b] to first[b + 1] - 1. filled has
+ * a zero for each cell, chosen one for each star. */
+ST_API st_status st_brightest_of_cells(const double *ra_rad, const double *dec_rad, size_t stars,
+                                       const int32_t *first, int32_t bands, int32_t most,
+                                       uint8_t *filled, uint8_t *chosen);
 
 #define ST_TRIANGLE_CELLS 40 /* of codes of triangles along each axis */
 

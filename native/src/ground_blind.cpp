@@ -130,37 +130,107 @@ st_status st_match_quads(const st_quad_table *table, const double *direction, si
         return ST_BAD_INPUT;
     }
     QuadList list{image, row, ratio, *found, 0};
-    for (const int32_t *four = quads; four < quads + QUAD * count; four += QUAD) {
-        if (std::none_of(four, four + QUAD, [direction](int32_t star) {
-                return std::isnan(direction[3 * ptrdiff_t{star}]);
-            })) {
-            match_quad(*table, vectors(direction), four, tolerance, low, high, list);
-        }
-    }
+    match_quads(*table, vectors(direction), quads, count, tolerance, low, high, list);
     *found = list.count;
     return ST_OK;
 }
 
-st_status st_make_quads(const double *direction, size_t stars, const int32_t *pairs, size_t count,
-                        const int32_t *neighbour, const int32_t *start, int32_t most_inner,
-                        float *code, int32_t *star, float *side_rad, size_t *found) {
-    if (found == nullptr || start == nullptr || (stars > 0 && direction == nullptr) ||
-        (count > 0 && (pairs == nullptr || neighbour == nullptr || code == nullptr ||
-                       star == nullptr || side_rad == nullptr))) {
+st_status st_make_quads(const st_quad_level *level, int32_t *near, int64_t *by_rank,
+                        double *square, uint8_t *alone, size_t *next, float *code, int32_t *star,
+                        float *side_rad, size_t *found) {
+    if (level == nullptr || next == nullptr || found == nullptr || level->start == nullptr ||
+        (level->stars > 0 &&
+         (level->direction == nullptr || level->member == nullptr || near == nullptr ||
+          by_rank == nullptr || square == nullptr || alone == nullptr)) ||
+        (*found > 0 && (code == nullptr || star == nullptr || side_rad == nullptr))) {
         return ST_NULL_POINTER;
     }
-    if (most_inner < 2 || most_inner > ST_MOST_QUAD_INNER ||
-        !are_numbers(pairs, 2 * count, stars) ||
-        !are_numbers(neighbour, static_cast<size_t>(start[stars]), stars)) {
+    const auto stars = static_cast<size_t>(level->stars);
+    if (level->stars < 0 || level->cells < 1 || level->most_inner < 2 ||
+        level->most_inner > ST_MOST_QUAD_INNER || !are_numbers(level->member, stars, stars)) {
         return ST_BAD_INPUT;
     }
-    const QuadBuild level{vectors(direction), neighbour, start, most_inner};
-    size_t made = 0;
-    for (const int32_t *pair = pairs; pair < pairs + 2 * count; pair += 2) {
-        made += static_cast<size_t>(make_quads(level, pair[0], pair[1], code + QUAD * made,
-                                               star + QUAD * made, side_rad + made));
+    const QuadLevel given{vectors(level->direction),
+                          stars,
+                          {level->cells, level->start, level->member},
+                          level->side,
+                          level->longest,
+                          level->crowd,
+                          level->most_inner};
+    if (*next == 0) {
+        mark_alone(given, alone);
     }
-    *found = made;
+    const QuadWork work{near, by_rank, square, alone};
+    QuadsMade made{code, side_rad, star, *found, 0};
+    size_t one = *next;
+    while (one < stars && make_quads(given, static_cast<int32_t>(one), work, made)) {
+        ++one;
+    }
+    if (one == *next && one < stars) {
+        return ST_TOO_LITTLE_MEMORY;
+    }
+    *next = one;
+    *found = made.count;
+    return ST_OK;
+}
+
+st_status st_quad_cells(const float *code, size_t count, int32_t *cell) {
+    if (count > 0 && (code == nullptr || cell == nullptr)) {
+        return ST_NULL_POINTER;
+    }
+    for (size_t q = 0; q < count; ++q) {
+        cell[q] = quad_cell(code + QUAD * q);
+    }
+    return ST_OK;
+}
+
+st_status st_sort_by_cell(const int32_t *cell, size_t count, int32_t cells, int32_t *start,
+                          int32_t *order) {
+    if (start == nullptr || (count > 0 && (cell == nullptr || order == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    if (cells < 1 || count > INT32_MAX || !are_numbers(cell, count, cells)) {
+        return ST_BAD_INPUT;
+    }
+    std::fill(start, start + cells + 1, 0);
+    for (size_t i = 0; i < count; ++i) {
+        ++start[cell[i] + 1];
+    }
+    for (int32_t c = 0; c < cells; ++c) {
+        start[c + 1] += start[c];
+    }
+    // Each start moves to the end of its cell, which is the start of the next.
+    for (size_t i = 0; i < count; ++i) {
+        order[start[cell[i]]++] = static_cast<int32_t>(i);
+    }
+    std::copy_backward(start, start + cells, start + cells + 1);
+    start[0] = 0;
+    return ST_OK;
+}
+
+st_status st_brightest_of_cells(const double *ra_rad, const double *dec_rad, size_t stars,
+                                const int32_t *first, int32_t bands, int32_t most, uint8_t *filled,
+                                uint8_t *chosen) {
+    if (first == nullptr || filled == nullptr ||
+        (stars > 0 && (ra_rad == nullptr || dec_rad == nullptr || chosen == nullptr))) {
+        return ST_NULL_POINTER;
+    }
+    if (bands < 1 || most < 1) {
+        return ST_BAD_INPUT;
+    }
+    int64_t left = int64_t{most} * first[bands];
+    for (size_t s = 0; s < stars && left > 0; ++s) {
+        const int32_t band = clipped((dec_rad[s] / M_PI + 0.5) * bands, bands - 1);
+        const int32_t across = first[band + 1] - first[band];
+        const auto along =
+            static_cast<int32_t>(std::floor((ra_rad[s] / (2 * M_PI) + 0.5) * across));
+        const int32_t cell = first[band] + (along % across + across) % across;
+        if (filled[cell] < most) {
+            ++filled[cell];
+            chosen[s] = 1;
+            --left;
+        }
+    }
     return ST_OK;
 }
 

@@ -50,10 +50,11 @@ st_status check(const st_patterns *patterns) {
         !are_given(patterns->bright) || !are_given(patterns->pairs)) {
         return ST_NULL_POINTER;
     }
-    const bool possible = patterns->stars > 0 && patterns->cells > 0 &&
-                          patterns->pairs.pairs >= 0 && patterns->bright.pairs >= 0 &&
-                          patterns->most_centroids > 0 && patterns->bright_image_stars >= 0 &&
-                          patterns->scale_error >= 0 && patterns->scale_error < 1;
+    const bool possible = patterns->stars > 0 && patterns->cells > 0 && patterns->in_cells > 0 &&
+                          patterns->in_cells <= patterns->stars && patterns->pairs.pairs >= 0 &&
+                          patterns->bright.pairs >= 0 && patterns->most_centroids > 0 &&
+                          patterns->bright_image_stars >= 0 && patterns->scale_error >= 0 &&
+                          patterns->scale_error < 1;
     if (!possible) {
         return ST_BAD_INPUT;
     }
@@ -79,7 +80,7 @@ st_status set_up_for(const st_config *config, const st_camera *camera, const st_
         const Cells cells{given->cells, given->start, given->member};
         setup.identification = {
             {given->stars, given->hip, rows(given->direction), given->magnitude, given->blended,
-             cells, pairs_of(given->bright), pairs_of(given->pairs)},
+             cells, given->in_cells, pairs_of(given->bright), pairs_of(given->pairs)},
             {given->bright_image_stars, given->bright_triangles},
             given->scale_error,
             given->bases_by_brightness != 0,
@@ -209,7 +210,7 @@ st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int
         return ST_BAD_INPUT;
     }
     const Arena::Scope scope(tracker->work);
-    const Supporters others = supporters(verifier.sky.stars, stars_of(*stars, *tracker), base,
+    const Supporters others = supporters(verifier.sky.in_cells, stars_of(*stars, *tracker), base,
                                          verifier.tolerance_sigmas);
     for (size_t i = 0; i < count; ++i) {
         const int32_t *three = candidates + 3 * i;
@@ -238,7 +239,8 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
     const Arena::Scope scope(tracker->work);
     const ImageStars image = stars_of(*stars, *tracker);
     Verification result = st::verification(image.count, tracker->work);
-    verify(verifier, image, base, pattern, static_cast<int>(based), tested, result, tracker->work);
+    verify(tracker->identification.counted_verifier(), image, base, pattern,
+           static_cast<int>(based), tested, result, tracker->work);
     publish(*tracker, image, result, *verification, star, residual_px, residual_rad,
             tracker->work);
     return ST_OK;
@@ -268,12 +270,13 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
     for (size_t i = 0; i < count; ++i) {
         const int32_t *four = base + QUAD * i, *star = pattern + QUAD * i;
         const Supporters others =
-            supporters(verifier.sky.stars, image, four, verifier.tolerance_sigmas);
+            supporters(verifier.sky.in_cells, image, four, verifier.tolerance_sigmas);
         if (!(st::support(verifier.sky, others, star[0], star[1], star[2], least_support) >
               least_support)) {
             continue;
         }
-        verify(verifier, image, four, star, static_cast<int>(QUAD), tested, result, tracker->work);
+        verify(tracker->identification.counted_verifier(), image, four, star,
+               static_cast<int>(QUAD), tested, result, tracker->work);
         if (result.false_alarm < *false_alarm_probability) {
             *best = static_cast<int32_t>(i);
             *false_alarm_probability = result.false_alarm;

@@ -140,10 +140,13 @@ PATTERNS = _struct(
     **_numbers('hip direction magnitude blended start member', 'u8'), bright=PAIRS, pairs=PAIRS,
     scale_error='f8',
     **_numbers('stars cells bright_image_stars bright_triangles most_centroids '
-               'bases_by_brightness lens_unknown reserved', 'i4'))
+               'bases_by_brightness lens_unknown in_cells', 'i4'))
 IMAGE_STARS = _struct(**_numbers('direction sigma_rad', 'u8'), **_numbers('count reserved', 'i4'))
 VERIFICATION = _struct(attitude=ATTITUDE, **_numbers('focal_ratio false_alarm_probability'))
 QUAD_TABLE = _struct(**_numbers('code side_rad start', 'u8'))
+QUAD_LEVEL = _struct(**_numbers('direction start member', 'u8'),
+                     **_numbers('side longest crowd'),
+                     **_numbers('stars cells most_inner reserved', 'i4'))
 TRIANGLE_TABLE = _struct(**_numbers('side_rad star start neighbour', 'u8'),
                          **_numbers('low_rad high_rad'), **_numbers('neighbours reserved', 'i4'))
 LENS_PRIOR = _struct(start=CAMERA, free=('f8', _PARAMETERS),
@@ -278,8 +281,11 @@ FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
                                   *(_POINTER,) * 3)),
     'st_match_quads': (_STATUS, (_POINTER, _POINTER, _COUNT, _POINTER, _COUNT, *(_NUMBER,) * 3,
                                  *(_POINTER,) * 4)),
-    'st_make_quads': (_STATUS, (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _FLAG,
-                                *(_POINTER,) * 4)),
+    'st_make_quads': (_STATUS, (_POINTER,) * 10),
+    'st_quad_cells': (_STATUS, (_POINTER, _COUNT, _POINTER)),
+    'st_sort_by_cell': (_STATUS, (_POINTER, _COUNT, _FLAG, _POINTER, _POINTER)),
+    'st_brightest_of_cells': (_STATUS, (_POINTER, _POINTER, _COUNT, _POINTER, _FLAG, _FLAG,
+                                        _POINTER, _POINTER)),
     'st_make_triangles': (_STATUS, (_POINTER, _COUNT, _POINTER, _POINTER, *(_NUMBER,) * 3,
                                     *(_POINTER,) * 4)),
     'st_few_stars': (_STATUS, (*(_POINTER,) * 3, _NUMBER, _NUMBER, *(_POINTER,) * 5)),

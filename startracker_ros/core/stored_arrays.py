@@ -29,7 +29,7 @@ import zlib
 import numpy as np
 from startracker_ros.core.folders import cache_folder, limit_cache, mark_used, replaced
 
-FORMAT = 3
+FORMAT = 4
 """
 Of all stored arrays: their layout in a file, and what their builders put into them.
 
@@ -37,7 +37,7 @@ To be raised with every change of either, so that no file of before is read: wit
 from it is the key of a file. A test compares what is built with what was recorded for FORMAT.
 """
 
-MOST_RESIDENT_BYTES = 100_000_000
+MOST_RESIDENT_BYTES = 200_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
 
 # What it is, BYTE_ORDER, CRC of all that follows it, size of the file, LAYOUT, number of sections.

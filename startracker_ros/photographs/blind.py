@@ -23,20 +23,21 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
+from startracker_ros.core.catalog.deep import load_deep_catalog
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import (
-    Identification, IdentificationOptions, limit_for, per_centroid)
+    Identification, IdentificationOptions, per_centroid)
 from startracker_ros.core.identify.star_matcher import usable_stars
 from startracker_ros.core.identify.verification import Verifier
+from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, chip_ratio, REFERENCE_YEAR
 from startracker_ros.photographs.searched_fields import HIGHEST_DEG, LOWEST_DEG
+from startracker_ros.photographs.sky_levels import SkyLevels
 from startracker_ros.photographs.sky_quads import (
-    depths, FEWEST_STARS, image_quads, matching_neighbours, sky_quads, SkyQuads)
+    depths, FEWEST_STARS, image_quads, in_order, matching_neighbours, sky_quads, SkyQuads)
 
 LENS_ERROR = 0.12
 """How far the focal length of the fitted lens may be from that of the quad, as a share."""
@@ -46,11 +47,11 @@ LIKELY_DEG = 25.0
 
 LISTS = 2
 _STEP = 1.1
-_FIELDS_PER_CATALOGUE = 2
+_FIELDS_PER_LEVEL = 2
 STARS_PER_FIELD = 30.0
-# So wide a field and all narrower ones have one catalogue, of all stars.
+# So wide a field and all narrower ones have one level, of all stars.
 _ALL_STARS_DEG = 1.15
-# What the images of a catalogue are like; other shapes see some more or fewer of its stars.
+# What the images of a level are like; other shapes see some more or fewer of its stars.
 _WIDTH, _HEIGHT = 1024, 768
 COARSEST_PIXEL_DEG = 0.3
 """Larger pixels resolve no stars."""
@@ -83,7 +84,7 @@ _WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_
               for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
 # Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones
 # and as many everywhere.
-_TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.6, True), (0.3, 0.6, 1.6, True))
+_TABLES = ((2.4, 70.0, 3.0, False), (0.3, 2.4, 1.6, True))
 # Longest sides of the quads of an image as shares of its field.
 _SMALL, _LARGE = 0.15, 0.8
 # A star of the image may be so many times as far down the list as one of the table: the others are
@@ -91,8 +92,11 @@ _SMALL, _LARGE = 0.15, 0.8
 _DEPTH = 2.0
 # Quads are made of so many of the brightest stars, in turn.
 BATCHES, QUICK_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12)
+# A lens so wide is not assumed for the last ones. Of 240 simulated fields of 60 to 110 deg, of
+# whose 30 spots 10 are stars, 3 are found by them alone; of 80 fields of 35 and 45 deg 13.
+_BRIGHT_DEG, _BRIGHT_STARS = 58.0, 22
 MOST_CANDIDATES = 50_000  # of one look-up
-# Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
+# Error of an ideal lens; how far the field of a candidate is from that of its level.
 _FLOOR_PX, SCALE_ERROR = 1.0, 0.075
 # Of which the fourth star of the quad and the order of brightness have up to 8.
 LEAST_SUPPORT = 9.0
@@ -106,9 +110,13 @@ def _half_tangents() -> np.ndarray:
 
 
 _TANGENTS = _half_tangents()
-# Catalogues of this field and wider ones are built in a tenth of a second.
-_SMALL_CATALOGUE = int(np.searchsorted(_TANGENTS, np.tan(np.radians(4.5) / 2)))
 _ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 2)))
+# Levels by field, the narrowest first, and the widest field of each, the widest first.
+_LEVEL_STEPS = np.maximum(np.arange(len(_TANGENTS)), _ALL_STARS) // _FIELDS_PER_LEVEL
+_WIDEST = [int(np.flatnonzero(step == _LEVEL_STEPS)[-1])
+           for step in np.unique(_LEVEL_STEPS)[::-1]]
+# Of a lens up to LENS_ERROR wider, and of the distortion that is fitted to it.
+_BEYOND = 1.2
 
 
 class Field(NamedTuple):
@@ -120,11 +128,16 @@ class Field(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Image stars (K, 4) of the centroids that may be the stars of the numbers (K, 4)."""
+    """
+    Image stars (K, 4) of the centroids that may be the stars of the numbers (K, 4).
+
+    found is how many there were before those in another order of brightness were left out.
+    """
 
     centroids: Centroids
     base: np.ndarray
     number: np.ndarray
+    found: int = 0
 
 
 # Candidates by field and pixel ratio.
@@ -136,12 +149,14 @@ class BlindIdentifier:
 
     def __init__(self, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Tables and catalogues are loaded, or built, when they are first searched."""
+        """Tables and levels are loaded, or built, when they are first searched."""
         self.years = epoch_year - REFERENCE_YEAR
         self._options = options
         self._deep = cache(load_deep_catalog)
         self._tables: dict[int, tuple[StarCatalog, SkyQuads]] = {}
-        self._catalogues: dict[int, OnboardCatalog] = {}
+        self._levels = SkyLevels(self._deep, REFERENCE_YEAR, [
+            ideal_camera((_HEIGHT, _WIDTH), _TANGENTS[widest]) for widest in _WIDEST],
+            STARS_PER_FIELD)
         self._shape = (0, 0)
         self._fields: dict[tuple[int, float], Field] = {}
 
@@ -176,12 +191,11 @@ class BlindIdentifier:
                 continue
             (number, ratio), candidates = one_field
             field = self._field(number, ratio)
-            if field.onboard.stored is not None:
-                prepare(field.onboard.stored)
             for one in candidates:
-                tested += len(one.base)
+                tested += one.found
                 attempt = verified(field, one, seen, tested, self._options, self.years)
                 if attempt is not None:
+                    attempt = self._resolved(attempt, number)
                     yield attempt
                     # One list may have the stars with too many other spots for a lens.
                     yield from (in_list(attempt, other) for other in used
@@ -192,16 +206,11 @@ class BlindIdentifier:
         """
         Yield the candidates of each field, and None where the stars of a short search end.
 
-        Those whose catalogues are large are the last ones of a short search.
+        The quads of narrow fields are the last ones of a short search.
         """
-        quick, later = [*pairwise(QUICK_BATCHES)], list[_OfField]()
+        quick = [*pairwise(QUICK_BATCHES)]
         for first, last in quick:
-            for one in self._of_fields(lists, seen, 0, first, last):
-                if one[0][0] >= _SMALL_CATALOGUE:
-                    yield one
-                else:
-                    later.append(one)
-        yield from later
+            yield from self._of_fields(lists, seen, 0, first, last)
         for (first, last), table in product(quick, range(1, len(_TABLES))):
             yield from self._of_fields(lists, seen, table, first, last)
         yield None
@@ -220,7 +229,9 @@ class BlindIdentifier:
         found: dict[tuple[int, float], list[Candidates]] = {}
         density = 2 * _DEPTH * _TABLES[table][2]
         height, width = self._shape
-        for lens, centroids in product(_lenses(self._shape, table), lists):
+        lenses = [lens for lens in _lenses(self._shape, table)
+                  if lens.fov_deg < _BRIGHT_DEG or first < _BRIGHT_STARS]
+        for lens, centroids in product(lenses, lists):
             camera = ideal_camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2),
                                   lens.pixel_ratio)
             index, direction, _ = seen.by(camera, centroids)
@@ -229,18 +240,20 @@ class BlindIdentifier:
             catalog, quads = self._table(table)
             tried = image_quads(len(direction), first, last)
             everywhere = _DEPTH * FEWEST_STARS * share_of_sky(camera)
-            tried = tried[(depths(centroids.uv[index], tried, height * width) < density)
+            tried = tried[(seen.depths(centroids, index, tried, height * width) < density)
                           | (tried[:, 3] < everywhere)]
             base, row, ratio = matching_neighbours(
                 quads.table, direction, tried, lens.tolerance, lens.low, lens.high,
                 MOST_CANDIDATES)
-            number = catalog.hip[quads.table.star[row]]
+            star = quads.table.star[row]
+            number, ordered = catalog.hip[star], in_order(base, star)
             tangent = np.tan(np.radians(np.minimum(lens.fov_deg * ratio, 170.0)) / 2)
             field = np.abs(np.log(tangent[:, None] / _TANGENTS)).argmin(1)
             for chosen in np.unique(field):
-                mine = field == chosen
-                found.setdefault((int(chosen), lens.pixel_ratio), []).append(
-                    Candidates(centroids, base[mine], number[mine]))
+                of_field = field == chosen
+                mine = of_field & ordered
+                found.setdefault((int(chosen), lens.pixel_ratio), []).append(Candidates(
+                    centroids, base[mine], number[mine], int(np.count_nonzero(of_field))))
         return found
 
     def tables(self, camera: Camera) -> Iterator[tuple[StarCatalog, SkyQuads, float]]:
@@ -253,7 +266,8 @@ class BlindIdentifier:
     def catalogue(self, camera: Camera) -> OnboardCatalog:
         """Return the stars of the images of a rectilinear camera."""
         tangent = max(camera.width / camera.fx, camera.height / camera.fy) / 2
-        return self._onboard(int(np.abs(np.log(tangent / _TANGENTS)).argmin()))
+        level = _level_of(int(np.abs(np.log(tangent / _TANGENTS)).argmin()))
+        return self._levels.resolved(level)
 
     def wide_quads(self) -> tuple[StarCatalog, SkyQuads]:
         """Return the quads of wide fields, and the catalogue of their stars."""
@@ -272,24 +286,21 @@ class BlindIdentifier:
         key = field, pixel_ratio
         if key not in self._fields:
             camera = ideal_camera(self._shape, _TANGENTS[field], pixel_ratio)
-            onboard = self._onboard(field)
+            onboard = self._levels.level(_level_of(field))
             self._fields[key] = Field(camera, onboard, Verifier(
                 camera, onboard, self._options.tolerance_sigmas, SCALE_ERROR,
                 lens_known=False))
         return self._fields[key]
 
-    def _onboard(self, field: int) -> OnboardCatalog:
-        step = max(field, _ALL_STARS) // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
-        widest = min(step + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
-        if widest not in self._catalogues:
-            camera = ideal_camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
-            catalog = camera_catalog(camera, self._deep)
-            # As many everywhere, at least: quads of narrow fields have fainter stars far from
-            # the Milky Way.
-            self._catalogues[widest] = cached_brightest(
-                catalog, camera, REFERENCE_YEAR, limit_for(camera, catalog, STARS_PER_FIELD),
-                STARS_PER_FIELD / (camera.fov_x_rad * camera.fov_y_rad))
-        return self._catalogues[widest]
+    def _resolved(self, attempt: Attempt, field: int) -> Attempt:
+        """Return an attempt with the stars about it as its pixels resolve them."""
+        attitude = attempt.identification.attitude
+        if attitude is None:
+            return attempt
+        middle = matrix_from_quaternion(attitude.quaternion)[:, 2]
+        onboard = self._levels.about(
+            _level_of(field), middle, _BEYOND * attempt.camera.corner_angle_rad)
+        return attempt._replace(onboard=onboard.after(self.years))
 
 
 class StarsSeen:
@@ -299,6 +310,7 @@ class StarsSeen:
         self._most = options.max_image_stars
         # With the list, so that no other one gets its id.
         self._found: dict[tuple, tuple[Centroids, tuple[np.ndarray, ...]]] = {}
+        self._depths: dict[tuple, np.ndarray] = {}
 
     def by(self, camera: Camera, centroids: Centroids
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -308,6 +320,15 @@ class StarsSeen:
             self._found[key] = centroids, usable_stars(camera, centroids, self._most, _FLOOR_PX)
         index, direction, sigma_rad = self._found[key][1]
         return index, direction, sigma_rad
+
+    def depths(self, centroids: Centroids, index: np.ndarray, quads: np.ndarray, area: float
+               ) -> np.ndarray:
+        """Return the depths (Q,) of quads (Q, 4) of the rows index (N,) of a list."""
+        # Most lenses see the same stars.
+        key = index.tobytes(), len(quads), quads[:1].tobytes(), id(centroids)
+        if key not in self._depths:
+            self._depths[key] = depths(centroids.uv[index], quads, area)
+        return self._depths[key]
 
 
 def verified(field: Field, candidates: Candidates, seen: StarsSeen, tested: int,
@@ -367,6 +388,11 @@ def _lenses(shape: tuple[int, int], table: int) -> tuple[_Lens, ...]:
                 for ratio in (chip_ratio(width, height) or 0.5, 2.0)), *_WIDE)
     return tuple(lens for lens in (_PLANE, *(() if table else others))
                  if lens.low * lens.fov_deg < COARSEST_PIXEL_DEG * max(shape))
+
+
+def _level_of(field: int) -> int:
+    """Return the level of a field, the first one of the widest."""
+    return int(_LEVEL_STEPS[-1] - _LEVEL_STEPS[field])
 
 
 def ideal_camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.0) -> Camera:

@@ -12,7 +12,6 @@ the best of them the stars about the image are read, and verify it as in any ide
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import islice, pairwise
 from typing import NamedTuple
 
@@ -192,8 +191,7 @@ class TiledIdentifier:
         stars = self.catalogue.stars(row)
         limit = float(stars.magnitude[min(count, len(stars)) - 1])
         onboard = onboard_catalog(stars.brighter_than(limit + CROWD_MAGNITUDES), camera,
-                                  REFERENCE_YEAR, limit)
-        onboard = replace(onboard, sky_share=area / (4 * np.pi))
+                                  REFERENCE_YEAR, limit, sky_share=area / (4 * np.pi))
         return Field(camera, onboard, Verifier(
             camera, onboard, self._options.tolerance_sigmas, SCALE_ERROR, lens_known=False))
 

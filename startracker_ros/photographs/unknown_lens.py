@@ -17,11 +17,12 @@ lens sees dozens of bright stars.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations, islice
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core import native
 from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.core.camera.distortion import EQUIDISTANT, PLUMB_BOB
 from startracker_ros.core.camera.model import (
@@ -34,7 +35,7 @@ from startracker_ros.core.identify.identification import Identification, per_cen
 from startracker_ros.core.stored_arrays import prepare
 from startracker_ros.photographs.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.photographs.lens_fit import camera_of, FISHEYE_TERMS, SkyAndSpots
-from startracker_ros.photographs.sky_quads import matching_neighbours, SkyQuads
+from startracker_ros.photographs.sky_quads import in_order, matching_neighbours, SkyQuads
 
 
 class Lenses(NamedTuple):
@@ -114,6 +115,9 @@ class UnknownLensIdentifier:
             for camera in _assumed(shape, lenses):
                 spot, star, ratio, bright = self._candidates(catalog, sky, camera, uv, quads)
                 tested += len(spot)
+                # All of them count as tested.
+                ordered = in_order(spot, star)
+                spot, star, ratio = spot[ordered], star[ordered], ratio[ordered]
                 if len(spot):
                     seen = SkyAndSpots(
                         self.onboard.direction[:bright], uv, centroids.sigma_px[:_SPOTS])
@@ -194,6 +198,14 @@ def _assumed(shape: tuple[int, int], lenses: Lenses) -> Iterator[np.ndarray]:
 
 def share_of_fisheye(camera: np.ndarray) -> float:
     """Return the share of the sky, above the horizon of a lens, that an image shows."""
+    return _share_of(camera.tobytes())
+
+
+# Of an image the lenses are the same for each of its lists.
+@lru_cache(maxsize=256)
+def _share_of(content: bytes) -> float:
+    """Return the share of the sky of the st_camera of these bytes."""
+    camera = np.frombuffer(content, native.CAMERA).reshape(())
     z = 1 - (2 * np.arange(_SKY) + 1) / _SKY
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(_SKY)
     direction = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn),

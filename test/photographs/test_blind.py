@@ -12,7 +12,6 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, quaternion_from_pointing, random_attitude)
-from startracker_ros.core.maths.sorting import order_of_numbers
 from startracker_ros.photographs import blind
 from startracker_ros.photographs.blind import BlindIdentifier, LENS_ERROR
 from startracker_ros.photographs.estimated_lens import estimate_lens
@@ -166,13 +165,13 @@ def test_all_epochs_share_one_set_of_databases(tmp_path, monkeypatch):
     assert off_rad < 0.25 * moved_rad
 
 
-def test_an_ordinary_field_needs_no_large_catalogue(monkeypatch):
-    built, build = [], BlindIdentifier._onboard
-    monkeypatch.setattr(BlindIdentifier, '_onboard',
-                        lambda self, field: built.append(field) or build(self, field))
+def test_an_ordinary_field_needs_no_deep_quads(monkeypatch):
+    read, table = [], BlindIdentifier._table
+    monkeypatch.setattr(BlindIdentifier, '_table',
+                        lambda self, number: read.append(number) or table(self, number))
     stars, _ = frame(np.random.default_rng(14), 14.0, 15, 3)
     assert next(BlindIdentifier(EPOCH_YEAR).identify([stars], SHAPE), None) is not None
-    assert min(built) >= blind._SMALL_CATALOGUE
+    assert set(read) == {0}
 
 
 def test_a_fisheye_is_found_before_all_stars_are_searched(monkeypatch):
@@ -182,12 +181,3 @@ def test_a_fisheye_is_found_before_all_stars_are_searched(monkeypatch):
     night = draw_night(np.random.default_rng(len('equidistant')), 'equidistant')
     assert PhotographSolver(2026.0).solve_lists([night.centroids], night.shape).solved
     assert max(last_stars) <= blind.QUICK_BATCHES[-1]
-
-
-def test_numbers_are_sorted_by_radix_as_by_any_stable_sort():
-    rng = np.random.default_rng(0)
-    for most in (1, 1000, 1 << 16, 1_827_904):
-        number = rng.integers(0, most, 20_000)
-        np.testing.assert_array_equal(
-            order_of_numbers(number), np.argsort(number, kind='stable'))
-    assert not len(order_of_numbers(np.zeros(0, int)))

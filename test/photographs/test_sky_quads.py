@@ -9,7 +9,7 @@ from native_core import call
 import numpy as np
 import pytest
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
-from startracker_ros.photographs.sky_quads import matching_quads, quad_table, quads_of
+from startracker_ros.photographs.sky_quads import in_order, matching_quads, quad_table, quads_of
 
 ANYTHING = 0.1, 10.0
 
@@ -113,3 +113,12 @@ def test_a_table_finds_what_a_search_of_all_its_codes_finds():
         near = np.abs(code_of(image, four) - table.code).max(1) <= 0.05 - 1e-6
         expected |= {(tuple(sorted(four)), int(row)) for row in np.flatnonzero(near)}
     assert expected <= found
+
+
+def test_quads_in_another_order_of_brightness_are_left_out():
+    star = np.array([*permutations(range(4))])
+    image = np.broadcast_to(np.arange(4), star.shape)
+    kept = in_order(image, star)
+    assert kept[0] and not kept[-1] and kept.sum() == 15
+    # The order of the code does not matter.
+    np.testing.assert_array_equal(in_order(image[:, [2, 0, 3, 1]], star[:, [2, 0, 3, 1]]), kept)

@@ -14,6 +14,7 @@
 #include <cstdint>
 
 #include "maths/matrix.h"
+#include "sky/near.h"
 #include "startracker_ground.h"
 
 namespace st {
@@ -31,21 +32,47 @@ struct QuadList {
 /// Set the code of stars A, B, C, D in the order that they have; false for stars without a code.
 bool quad_code(const Vector3 *direction, const int32_t four[4], Code &code);
 
-/// Add the quads of a table that have the code of four image stars, within a tolerance, in any order
-/// that noise allows. The side of the sky is low to high times that of the image.
-void match_quad(const st_quad_table &table, const Vector3 *direction, const int32_t stars[4],
-                double tolerance, double low, double high, QuadList &found);
+/// Add the quads of a table that have the code of one of count image quads (count, 4), within a
+/// tolerance, in any order that noise allows. The side of the sky is low to high times that of the
+/// image. Those with a star without a direction, NaN, are left out.
+void match_quads(const st_quad_table &table, const Vector3 *direction, const int32_t *quads,
+                 size_t count, double tolerance, double low, double high, QuadList &found);
 
-/// The quads of a level: stars A and B are long pairs, C and D of the most_inner brightest
-/// neighbours of A, which ascend, that are nearer to A and B than these are to each other.
-struct QuadBuild {
+/// Return the cell of a code.
+int32_t quad_cell(const float code[4]);
+
+/// Stars of a level in the order of their cells, star m the member[m]-th brightest: quads whose
+/// longest side is the chord side to longest, of which C and D are two of the most_inner brightest
+/// stars nearer to A and B than these are to each other. A star within the chord crowd of a brighter
+/// one is in none.
+struct QuadLevel {
     const Vector3 *direction;
-    const int32_t *neighbour, *start;  // those of star s are start[s] to start[s + 1]
+    size_t stars;
+    Cells cells;
+    double side, longest, crowd;
     int most_inner;
 };
 
-/// Set code (4) and stars (4) of each quad of the pair A, B, and the side in rad; return how many.
-int make_quads(const QuadBuild &level, int32_t a, int32_t b, float *code, int32_t *star,
-               float *side_rad);
+/// Work memory for the neighbours of a star, as many as there are stars: near in the order of the
+/// cells, by_rank with the brightest first.
+struct QuadWork {
+    int32_t *near;
+    int64_t *by_rank;
+    double *square;
+    uint8_t *alone;
+};
+
+/// Codes (most, 4), stars (most, 4), sides in rad and their number.
+struct QuadsMade {
+    float *code, *side_rad;
+    int32_t *star;
+    size_t most, count;
+};
+
+/// Mark the stars that have no brighter one close to them.
+void mark_alone(const QuadLevel &level, uint8_t *alone);
+
+/// Add the quads of which star m is the brighter end, by their ranks; false where they would be too many.
+bool make_quads(const QuadLevel &level, int32_t m, const QuadWork &work, QuadsMade &made);
 
 }  // namespace st

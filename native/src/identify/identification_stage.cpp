@@ -14,6 +14,8 @@ namespace {
 // Of the very brightest stars: few pairs, all of them in the processor's cache.
 constexpr BrightLevel BRIGHT{4, 3};
 
+constexpr int32_t NOT_COUNTED = -1;
+
 st_reason reason_of(st_reason_code code, double a, double b, double c = 0.0) {
     return {code, 0, {a, b, c}};
 }
@@ -46,10 +48,18 @@ IdentificationStage::IdentificationStage(const st_identification_options &option
     verifier_.tolerance_sigmas = options.tolerance_sigmas;
     verifier_.side_sigmas = SIDE_SIGMAS * options.tolerance_sigmas;
     verifier_.scale_error = setup.scale_error;
-    count_fields(verifier_);
+    verifier_.counts[0] = NOT_COUNTED;
     if (has_pairs()) {
+        count_fields(verifier_);
         search_ = StarSearch(most_stars_, setup.sky, kept);
     }
+}
+
+const Verifier &IdentificationStage::counted_verifier() {
+    if (verifier_.counts[0] == NOT_COUNTED) {
+        count_fields(verifier_);
+    }
+    return verifier_;
 }
 
 size_t IdentificationStage::bytes(const IdentificationSetup &setup) {

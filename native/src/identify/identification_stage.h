@@ -53,6 +53,9 @@ public:
     int most_centroids() const { return most_centroids_; }
     int most_stars() const { return most_stars_; }
     const Verifier &verifier() const { return verifier_; }
+    /// The same for a verification: without pairs most fields are never verified, and the stars of
+    /// the sky are counted for the first one that is.
+    const Verifier &counted_verifier();
     const Lens &lens() const { return lens_; }
     double work_s() const { return search_.work_s(); }
 

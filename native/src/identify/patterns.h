@@ -19,6 +19,7 @@ struct Patterns {
     const double *magnitude;
     const uint8_t *blended;
     Cells cells;
+    int32_t in_cells;  // stars that the cells have, of the stars
     Pairs bright_pairs, pairs;
 };
 
@@ -29,8 +30,8 @@ struct BrightLevel {
 
 /// Return the patterns of a sky file.
 inline Patterns patterns_of(const SkyFile &sky) {
-    return {sky.pattern_stars, sky.hip,           sky.direction,    sky.magnitude,
-            sky.blended,       sky.pattern_cells, sky.bright_pairs, sky.pairs};
+    return {sky.pattern_stars, sky.hip,           sky.direction,    sky.magnitude, sky.blended,
+            sky.pattern_cells, sky.pattern_stars, sky.bright_pairs, sky.pairs};
 }
 
 }  // namespace st

@@ -54,7 +54,7 @@ ImageTriangle image_triangle(const ImageStars &stars, const int32_t base[3], dou
 void TriangleSearch::begin(const Verifier &verifier, const ImageStars &stars,
                            const int32_t base[3], int32_t *latest) {
     triangle_ = image_triangle(stars, base, verifier.side_sigmas);
-    supporters_ = supporters(verifier.sky.stars, stars, base, verifier.tolerance_sigmas);
+    supporters_ = supporters(verifier.sky.in_cells, stars, base, verifier.tolerance_sigmas);
     latest_ = latest;
     next_band_ = 0;
     phase_ = NEXT_BAND;

@@ -12,7 +12,7 @@ from startracker_ros.core.astro.earth import earth_position_au
 from startracker_ros.core.camera.calibrated import check_pixels
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.sky_grid import (
-    brightest_everywhere, pairs_within, sky_grid, SkyGrid)
+    brightest_everywhere, pairs_within, sky_angles, sky_grid, SkyGrid)
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.maths.sorting import lowest_connected
 from startracker_ros.core.stored_arrays import digest, StoredArrays
@@ -119,12 +119,13 @@ class OnboardCatalog:
 
 
 def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
-                          merge_rad: float, crowd_rad: float, least_density: float = 0.0
-                          ) -> OnboardCatalog:
+                          merge_rad: float, crowd_rad: float, least_density: float = 0.0,
+                          sky_share: float = 1.0) -> OnboardCatalog:
     """
     Return the on-board catalogue up to magnitude_limit at a Julian year.
 
-    It is deeper where that leaves fewer entries a steradian than least_density.
+    It is deeper where that leaves fewer entries a steradian than least_density. sky_share is what
+    the stars cover.
 
     Stars linked by separations below merge_rad become one entry at their photocentre, included
     if its total magnitude is within the limit. All stars of the catalogue are components and
@@ -133,7 +134,8 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     earth_au = earth_position_au(epoch_year)
     direction = catalog.directions(epoch_year, earth_au)
     velocity, parallax_rad = catalog.changes(epoch_year, earth_au)
-    pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
+    pairs, square = pairs_within(
+        sky_grid(direction, sky_share), _chord(max(merge_rad, crowd_rad)))
     merged, entry = np.unique(lowest_connected(
         pairs[square <= _chord(merge_rad) ** 2], len(catalog)), return_inverse=True)
     count = len(merged)
@@ -152,7 +154,7 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     chosen = magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)
     if least_density:
-        chosen[brightest_everywhere(direction[order], least_density)] = True
+        chosen |= brightest_everywhere(sky_angles(direction[order]), least_density)
     order = order[chosen]
     rows = brightest[order]
     motion, parallax = (
@@ -162,12 +164,13 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     return OnboardCatalog(catalog.hip[rows], direction[order], magnitude[order], crowded[order],
                           blended[order], crowd_rad, catalog.variation_mag[rows],
                           motion[order].astype(np.float32),
-                          parallax[order, 0].astype(np.float32), epoch_year)
+                          parallax[order, 0].astype(np.float32), epoch_year,
+                          sky_share=sky_share)
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                    magnitude_limit: float = np.inf, least_density: float = 0.0
-                    ) -> OnboardCatalog:
+                    magnitude_limit: float = np.inf, least_density: float = 0.0,
+                    sky_share: float = 1.0) -> OnboardCatalog:
     """
     Return build_onboard_catalog() of a camera, with the resolution of its pixels.
 
@@ -177,7 +180,7 @@ def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
     return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
                                  merge_rad=MERGE_PX * camera.pixel_rad,
                                  crowd_rad=CROWD_PX * camera.pixel_rad,
-                                 least_density=least_density)
+                                 least_density=least_density, sky_share=sky_share)
 
 
 def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core import native
-from startracker_ros.core.maths.sorting import order_of_numbers
 
 
 class SkyGrid(NamedTuple):
@@ -32,14 +31,22 @@ def sky_grid(direction: np.ndarray, sky_share: float = 1.0, most: int = FINE) ->
     """Return the grid of unit vectors (N, 3) of a share of the sky, about one per cell of it."""
     # Of a part of the sky most cells are empty: as many as cost no more than the stars.
     if sky_share < 1:
-        most = int(np.clip(np.cbrt(64 * len(direction)), FINE, 2 * FINE))
+        most = int(np.clip(np.cbrt(64 * len(direction)), 4, 2 * FINE))
     cells = cells_along(len(direction) / sky_share, most)
-    cell = cell_numbers(direction, cells)
-    start = np.zeros(cells ** 3 + 1, np.int32)
-    start[1:] = np.bincount(cell, minlength=cells ** 3)
-    np.cumsum(start, out=start)
-    return SkyGrid(np.ascontiguousarray(direction), cells, start,
-                   order_of_numbers(cell).astype(np.int32))
+    start, member = sorted_by_cell(cell_numbers(direction, cells), cells ** 3)
+    return SkyGrid(np.ascontiguousarray(direction), cells, start, member)
+
+
+def sorted_by_cell(cell: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the rows of each cell: those of c are order[start[c]:start[c + 1]].
+
+    cell (N,) are below cells; start (cells + 1,) and order (N,) are int32.
+    """
+    start, order = np.empty(cells + 1, np.int32), np.empty(len(cell), np.int32)
+    native.call('st_sort_by_cell', np.ascontiguousarray(cell, np.int32), len(cell), cells, start,
+                order)
+    return start, order
 
 
 def cells_along(count: float, most: int) -> int:
@@ -50,7 +57,8 @@ def cells_along(count: float, most: int) -> int:
 
 def cell_numbers(direction: np.ndarray, cells: int) -> np.ndarray:
     """Return the cells (N,) of unit vectors (N, 3) in a cube of cells**3."""
-    i, j, k = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1).T
+    # A cube has fewer cells than 32 bits can count.
+    i, j, k = np.minimum(((direction + 1) * (cells / 2)).astype(np.int32), cells - 1).T
     return (i * cells + j) * cells + k
 
 
@@ -58,29 +66,27 @@ def cell_numbers(direction: np.ndarray, cells: int) -> np.ndarray:
 _CELL_STARS = 3
 
 
-def brightest_everywhere(direction: np.ndarray, density: float) -> np.ndarray:
-    """
-    Return the rows (M,) of the brightest stars of each part of the sky, density a steradian.
+def sky_angles(direction: np.ndarray) -> np.ndarray:
+    """Return right ascension and declination (2, N) in rad of unit vectors (N, 3)."""
+    return np.stack([np.arctan2(direction[:, 1], direction[:, 0]),
+                     np.arcsin(np.clip(direction[:, 2], -1, 1))])
 
-    direction (N, 3) are unit vectors, brightest first.
+
+def brightest_everywhere(angles: np.ndarray, density: float) -> np.ndarray:
+    """
+    Return which (N,) are the brightest stars of each part of the sky, density a steradian.
+
+    angles (2, N) are those of sky_angles(), brightest first.
     """
     side_rad = np.sqrt(_CELL_STARS / density)
     bands = int(np.ceil(np.pi / side_rad))
-    declination = np.arcsin(np.clip(direction[:, 2], -1, 1))
-    band = np.minimum((declination / np.pi + 0.5) * bands, bands - 1).astype(int)
     middle = ((np.arange(bands) + 0.5) / bands - 0.5) * np.pi
-    across = np.ceil(2 * np.pi * np.cos(middle) / side_rad).astype(int)
-    along = (np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi) + 0.5) * across[band]
-    cell = (np.cumsum(across) - across)[band] + along.astype(int) % across[band]
-    # The brightest star of each cell, then that of the others.
-    left, chosen = np.arange(len(cell)), np.zeros(len(cell), bool)
-    first = np.zeros(int(across.sum()), np.int64)
-    for _ in range(_CELL_STARS):
-        # Of equal indices the last value is stored: that of the first star.
-        first[cell[left[::-1]]] = left[::-1]
-        chosen[first[cell[left]]] = True
-        left = left[~chosen[left]]
-    return np.flatnonzero(chosen)
+    first = np.zeros(bands + 1, np.int32)
+    np.cumsum(np.ceil(2 * np.pi * np.cos(middle) / side_rad), out=first[1:], dtype=np.int32)
+    chosen = np.zeros(angles.shape[1], bool)
+    native.call('st_brightest_of_cells', *map(np.ascontiguousarray, angles), len(chosen), first,
+                bands, _CELL_STARS, np.zeros(first[-1], np.uint8), chosen)
+    return chosen
 
 
 def pairs_within(grid: SkyGrid, chord: float) -> tuple[np.ndarray, np.ndarray]:

@@ -246,6 +246,7 @@ def native_patterns(onboard: OnboardCatalog, rules: Rules, pairs: PairDatabase |
                 len(table.star), len(table.separation))
     patterns['scale_error'] = rules.scale_error
     patterns['stars'], patterns['cells'] = len(onboard.hip), grid.cells
+    patterns['in_cells'] = len(grid.member)
     patterns['bright_image_stars'] = bright.image_stars
     patterns['bright_triangles'] = bright.triangles
     patterns['most_centroids'] = MOST_CENTROIDS

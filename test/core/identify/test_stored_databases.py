@@ -33,6 +33,7 @@ from startracker_ros.core.stored_arrays import prepare, resident_bytes
 from startracker_ros.io.images.images import read_image
 from startracker_ros.photographs import solve
 from startracker_ros.photographs.photograph import PhotographSolver
+from startracker_ros.photographs.sky_levels import SkyLevels
 from startracker_ros.photographs.sky_quads import sky_quads
 from startracker_ros.photographs.sky_triangles import sky_triangles
 
@@ -133,10 +134,12 @@ def test_other_content_has_another_format(own_cache):
     """
     catalog = load_catalog().brighter_than(4.5)
     onboard = cached_brightest(catalog, CAMERA, 2015.0, 3.5, 30.0)
+    levels = SkyLevels(lambda: catalog, 2015.0, [
+        Camera.from_fov(1024, 768, fov_deg) for fov_deg in (90.0, 60.0)], 10.0)
     pairs = [cached_pairs(onboard, 0.01, 0.3, brightest=brightest) for brightest in (None, 100)]
     quads = [sky_quads(catalog, 2015.0, 20.0, 40.0, 3.0, even=even) for even in (False, True)]
     content = hashlib.sha256()
-    for stored in (onboard.stored, *(one.stored for one in (*pairs, *quads)),
+    for stored in (onboard.stored, *(one.stored for one in (*pairs, *quads, levels)),
                    sky_triangles(onboard, 0.1).stored):
         for name, array in stored.arrays.items():
             # The last bits may differ between machines.
