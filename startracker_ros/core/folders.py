@@ -19,7 +19,7 @@ CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
 """Environment variable with the size of the cache folder."""
 
 CACHE_MB = 500.0
-"""Its default. A search of all fields of view has 580 MB of databases, a camera up to 170 MB."""
+"""Its default. A search of all fields of view has 350 MB of databases, a camera up to 170 MB."""
 
 
 def cache_folder() -> Path:

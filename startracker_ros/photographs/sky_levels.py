@@ -122,7 +122,8 @@ class SkyLevels:
             for chosen in bright, np.flatnonzero(brightest_everywhere(angles, density)):
                 first[chosen] = np.minimum(first[chosen], number)
             star = np.flatnonzero(first <= number).astype(np.int32)
-            cells = cells_along(len(star), FINE)
+            # Four in a cell: as fast as one, and smaller.
+            cells = cells_along(len(star) / 4, FINE)
             start, order = sorted_by_cell(cell_numbers(direction[star], cells), cells ** 3)
             levels.update({f'start_{number}': start, f'member_{number}': star[order]})
             along.append(cells)

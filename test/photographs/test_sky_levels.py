@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, onboard_catalog
 from startracker_ros.core.catalog.sky_grid import stars_near
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.folders import cache_folder
@@ -63,7 +63,8 @@ def test_the_stars_about_an_image_are_those_of_its_camera(levels, number):
     camera, catalog = CAMERAS[number], load_catalog()
     center, radius_rad = np.array([0.6, 0.0, 0.8]), camera.fov_x_rad
     found = levels.about(number, center, radius_rad)
-    whole = onboard_catalog(catalog, camera, YEAR, limit_for(camera, catalog, STARS),
+    limit = limit_for(camera, catalog, STARS)
+    whole = onboard_catalog(catalog.brighter_than(limit + CROWD_MAGNITUDES), camera, YEAR, limit,
                             STARS / (camera.fov_x_rad * camera.fov_y_rad))
     inside = whole.within(center, 0.8 * radius_rad)
     mine = found.index_of(whole.hip[inside])
