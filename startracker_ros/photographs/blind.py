@@ -115,6 +115,8 @@ _ALL_STARS = int(np.searchsorted(_TANGENTS, np.tan(np.radians(_ALL_STARS_DEG) / 
 _LEVEL_STEPS = np.maximum(np.arange(len(_TANGENTS)), _ALL_STARS) // _FIELDS_PER_LEVEL
 _WIDEST = [int(np.flatnonzero(step == _LEVEL_STEPS)[-1])
            for step in np.unique(_LEVEL_STEPS)[::-1]]
+# The quads of wide fields are of this one and wider ones, which are tested first.
+_WIDE_FIELD = int(np.searchsorted(_TANGENTS, np.tan(np.radians(4.5) / 2)))
 # Of a lens up to LENS_ERROR wider, and of the distortion that is fitted to it.
 _BEYOND = 1.2
 
@@ -206,11 +208,16 @@ class BlindIdentifier:
         """
         Yield the candidates of each field, and None where the stars of a short search end.
 
-        The quads of narrow fields are the last ones of a short search.
+        Narrow fields are the last ones of a short search.
         """
-        quick = [*pairwise(QUICK_BATCHES)]
+        quick, later = [*pairwise(QUICK_BATCHES)], list[_OfField]()
         for first, last in quick:
-            yield from self._of_fields(lists, seen, 0, first, last)
+            for one in self._of_fields(lists, seen, 0, first, last):
+                if one[0][0] >= _WIDE_FIELD:
+                    yield one
+                else:
+                    later.append(one)
+        yield from later
         for (first, last), table in product(quick, range(1, len(_TABLES))):
             yield from self._of_fields(lists, seen, table, first, last)
         yield None
