@@ -41,7 +41,7 @@ BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 RECORDED = {
     1: '9138a28f44de102d6051a243bdbb18a1d4421b9745898394621756af86695683',
     3: 'fcad0ee6f7bef53675eecfa07bedffd205865288fb7ae410c9dd19b5af646971',
-    4: '916e8421e0bd2e5b76958dbe95f2f8cb5278b57d5a287527c6a80f7ba3c63e65'}
+    4: 'd6d49e5a73c888a535a40dd9cf8aec9f4d4e6d04de319fabe1f1897d9667c893'}
 """Digest of what is built, by the FORMAT that it has."""
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 
