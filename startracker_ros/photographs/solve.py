@@ -295,7 +295,8 @@ class _Call:
             photograph = photograph.mirror() if self.mirror else photograph
             when = epoch_of(self.epoch_year, photograph.taken)
             observer = self.observer_site.observer(when)
-            first = shot.frame is None and self.sequence.known(photograph, when) is None
+            first = (shot.frame is None and self.solvers.fits_lens
+                     and self.sequence.known(photograph, when) is None)
             solution, solve_ms = self.solvers.solve(
                 shot.path, photograph, when, observer, self.observer_site.bodies(when),
                 self.near_deg, self.sequence, certain)
@@ -378,6 +379,11 @@ class Solvers:
             catalogue=None if catalogue is None else TiledCatalogue(catalogue)))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
+    @property
+    def fits_lens(self) -> bool:
+        """Whether the lens is fitted to each image, not that of a calibrated camera."""
+        return self._calibrated is None
+
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies, near_deg: tuple[float, float] | None = None,
               sequence: ImageSequence | None = None, certain: bool = False
@@ -393,7 +399,7 @@ class Solvers:
         near_deg = near_deg or photograph.pointing_deg
         place = None if near_deg is None else Place.near(*near_deg, NEAR_DEG)
         given, known = photograph, None
-        if sequence is not None and self._calibrated is None:
+        if sequence is not None and self.fits_lens:
             photograph, known = sequence.ordered(photograph), sequence.known(photograph, when)
             known = known._replace(certain=True) if known and certain else known
         solve = partial(self._solve, path, when=when, observer=observer, bodies=bodies,

@@ -18,6 +18,7 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix,
     quaternion_from_pointing, random_attitude, rotate, turned)
+from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import Photograph, read_image
 from startracker_ros.photographs.blind import BlindIdentifier
 from startracker_ros.photographs.epoch_and_site import Epoch
@@ -25,7 +26,7 @@ from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.same_camera import Known, SameCamera
 from startracker_ros.photographs.sequence import ImageSequence
 from startracker_ros.photographs.solution import Solution
-from startracker_ros.photographs.solve import solve_files
+from startracker_ros.photographs.solve import solve_files, Solvers
 from startracker_ros.photographs.unknown_lens import UnknownLensIdentifier
 
 YEAR = 2020.0
@@ -134,6 +135,21 @@ def test_images_before_the_first_solved_one_are_tried_again(sky_data, tmp_path):
     assert np.hypot(noisy['ra_deg'] - clear['ra_deg'], noisy['dec_deg'] - clear['dec_deg']) < 0.05
     alone, = solve_files([tmp_path / 'a.png'], epoch_year=2019.57).rows
     assert not alone['solved']
+
+
+def test_images_of_a_calibrated_camera_are_solved_once(sky_data, tmp_path, monkeypatch):
+    path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[1]
+    image = read_image(path)
+    cv2.imwrite(str(tmp_path / 'a.png'), np.full_like(image, 1000))
+    cv2.imwrite(str(tmp_path / 'b.png'), image)
+    save_camera(st.solve(path, epoch=2019.57).camera, tmp_path / 'camera.yaml')
+    solved, solve = [], Solvers.solve
+    monkeypatch.setattr(Solvers, 'solve', lambda self, path, *arguments: (
+        solved.append(path.name) or solve(self, path, *arguments)))
+    rows = solve_files([tmp_path / 'a.png', tmp_path / 'b.png'], epoch_year=2019.57,
+                       camera_file=tmp_path / 'camera.yaml').rows
+    assert [row['solved'] for row in rows] == [False, True] and rows[1]['lens_from'] == ''
+    assert solved == ['a.png', 'b.png']
 
 
 def test_an_image_of_another_camera_is_solved_as_if_it_were_alone(sky_data, tmp_path):
