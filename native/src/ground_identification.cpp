@@ -133,7 +133,7 @@ void publish(const st_tracker &tracker, const ImageStars &image, const Verificat
         residual_rad[i] = NAN;
     }
     if (result.false_alarm < 1) {
-        const Verifier &verifier = stage.verifier();
+        const Verifier &verifier = stage.uncounted();
         const AttitudeFit best = fit_attitude(verifier.sky, verifier.equidistant, image,
                                               result.found, residual_rad, work);
         set_fit(best, residual_rad, image.count, 1 / pixels, verification.attitude);
@@ -204,7 +204,7 @@ st_status st_support(st_tracker *tracker, const st_image_stars *stars, const int
     if (base == nullptr || (count > 0 && (candidates == nullptr || support == nullptr))) {
         return ST_NULL_POINTER;
     }
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     if (!are_numbers(base, 3, stars->count) ||
         !are_numbers(candidates, 3 * count, verifier.sky.stars)) {
         return ST_BAD_INPUT;
@@ -231,7 +231,7 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
         residual_px == nullptr || residual_rad == nullptr) {
         return ST_NULL_POINTER;
     }
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     if (based < 2 || !are_numbers(base, based, stars->count) ||
         !are_numbers(pattern, based, verifier.sky.stars)) {
         return ST_BAD_INPUT;
@@ -239,8 +239,8 @@ st_status st_verify(st_tracker *tracker, const st_image_stars *stars, const int3
     const Arena::Scope scope(tracker->work);
     const ImageStars image = stars_of(*stars, *tracker);
     Verification result = st::verification(image.count, tracker->work);
-    verify(tracker->identification.counted_verifier(), image, base, pattern,
-           static_cast<int>(based), tested, result, tracker->work);
+    verify(tracker->identification.verifier(), image, base, pattern, static_cast<int>(based),
+           tested, result, tracker->work);
     publish(*tracker, image, result, *verification, star, residual_px, residual_rad,
             tracker->work);
     return ST_OK;
@@ -257,7 +257,7 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
         (count > 0 && (base == nullptr || pattern == nullptr))) {
         return ST_NULL_POINTER;
     }
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     if (!are_numbers(base, QUAD * count, stars->count) ||
         !are_numbers(pattern, QUAD * count, verifier.sky.stars)) {
         return ST_BAD_INPUT;
@@ -275,8 +275,8 @@ st_status st_verify_quads(st_tracker *tracker, const st_image_stars *stars, cons
               least_support)) {
             continue;
         }
-        verify(tracker->identification.counted_verifier(), image, four, star,
-               static_cast<int>(QUAD), tested, result, tracker->work);
+        verify(tracker->identification.verifier(), image, four, star, static_cast<int>(QUAD),
+               tested, result, tracker->work);
         if (result.false_alarm < *false_alarm_probability) {
             *best = static_cast<int32_t>(i);
             *false_alarm_probability = result.false_alarm;

@@ -54,7 +54,7 @@ int32_t stt_least_matches(int32_t n, double p, double share, int32_t base, doubl
 int32_t stt_lens_mismatch(const st_tracker *tracker, const double *seen, const int32_t *star,
                           const double *residual, int32_t count, double radius, double sigma,
                           int32_t m, double p) {
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     auto *places = const_cast<Point *>(reinterpret_cast<const Point *>(seen));
     const ImageStars stars{count, nullptr, nullptr, places, nullptr, sigma};
     const StarMatch found{const_cast<int32_t *>(star), const_cast<double *>(residual), 1.0,
@@ -74,7 +74,7 @@ void stt_range(const double *values, const int32_t *below, int32_t count, double
 double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int32_t base[3],
                      double most_ns, int32_t *best, int32_t *count) {
     const Arena::Scope scope(tracker->work);
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     const Pairs &pairs = verifier.sky.pairs;
     auto *latest =
         static_cast<int32_t *>(std::malloc(static_cast<size_t>(pairs.stars) * sizeof(int32_t)));
@@ -95,7 +95,7 @@ double stt_triangles(st_tracker *tracker, const st_image_stars *stars, const int
 int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int32_t *triangle,
                            int32_t most) {
     const Arena::Scope scope(tracker->work);
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     const ImageStars image = stars_of(*stars, *tracker);
     const size_t bytes = TriangleOrder::bytes(image.count);
     void *memory = std::aligned_alloc(ALIGNMENT, bytes);
@@ -111,15 +111,15 @@ int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars, int
     return count;
 }
 
-int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t count,
-                        double looked_up, double cost_ns, double tested, double false_alarm_max) {
+int32_t stt_is_searched(st_tracker *tracker, double median_sigma, int32_t count, double looked_up,
+                        double cost_ns, double tested, double false_alarm_max) {
     return is_searched(tracker->identification.verifier(), median_sigma, count, looked_up, cost_ns,
                        tested, false_alarm_max);
 }
 
 int32_t stt_stars_in_image(const st_tracker *tracker, const double matrix[9]) {
     const StarMatch found{nullptr, nullptr, 1.0, matrix_of(matrix)};
-    const Verifier &verifier = tracker->identification.verifier();
+    const Verifier &verifier = tracker->identification.uncounted();
     return count_in_image(verifier, found, verifier.sky.stars);
 }
 

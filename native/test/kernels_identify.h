@@ -30,7 +30,7 @@ ST_API double stt_triangles(st_tracker *tracker, const st_image_stars *stars,
 /* Triangles (most, 3) in the order in which they are looked up; returns how many. */
 ST_API int32_t stt_triangle_order(st_tracker *tracker, const st_image_stars *stars,
                                   int32_t *triangle, int32_t most);
-ST_API int32_t stt_is_searched(const st_tracker *tracker, double median_sigma, int32_t count,
+ST_API int32_t stt_is_searched(st_tracker *tracker, double median_sigma, int32_t count,
                                double looked_up, double cost_ns, double tested,
                                double false_alarm_max);
 /* Stars in the image by a matrix to ICRF. */

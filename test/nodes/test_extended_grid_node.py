@@ -62,10 +62,10 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
                and probe.count_subscribers('camera_info') >= 3, 'the nodes')
     nodes.start('sky_simulator', {
         **deep_queues('image_raw.publisher', 'truth/stars.publisher', 'truth/attitude.publisher'),
-        'fov_deg': 4.0, 'faint_limit': 7.5, 'zero_flux_e_s': 1e7, 'frame_rate_hz': 5.0,
+        'fov_deg': 4.0, 'faint_limit': 7.5, 'zero_flux_e_s': 1e7, 'frame_rate_hz': 2.0,
         'frame_count': frames, 'wait_for_subscribers': 1, 'wait_for_camera_users': 4,
         'motion': 'constant_rate', 'ra_deg': 317.24, 'dec_deg': -56.04,
-        'rate_deg_s': [0.0, 0.5, 0.0]})
+        'rate_deg_s': [0.0, 0.2, 0.0]})
     # The simulator begins when the probe, which hears the truth by then, is a user of the camera.
     probe.wait(lambda: probe.count_publishers('truth/stars')
                and probe.count_publishers('truth/attitude'), 'the truth')

@@ -55,7 +55,7 @@ IdentificationStage::IdentificationStage(const st_identification_options &option
     }
 }
 
-const Verifier &IdentificationStage::counted_verifier() {
+const Verifier &IdentificationStage::verifier() {
     if (verifier_.counts[0] == NOT_COUNTED) {
         count_fields(verifier_);
     }

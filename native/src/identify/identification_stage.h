@@ -52,10 +52,11 @@ public:
     bool has_pairs() const { return verifier_.sky.pairs.star != nullptr; }
     int most_centroids() const { return most_centroids_; }
     int most_stars() const { return most_stars_; }
-    const Verifier &verifier() const { return verifier_; }
-    /// The same for a verification: without pairs most fields are never verified, and the stars of
-    /// the sky are counted for the first one that is.
-    const Verifier &counted_verifier();
+    /// Without what is counted of the sky, which a verification needs.
+    const Verifier &uncounted() const { return verifier_; }
+    /// Without pairs most fields are never verified: the stars of the sky are counted for the first
+    /// that is.
+    const Verifier &verifier();
     const Lens &lens() const { return lens_; }
     double work_s() const { return search_.work_s(); }
 

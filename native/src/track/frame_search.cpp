@@ -145,7 +145,7 @@ bool FrameSearch::rate_of_residuals(const IdentificationStage &stage,
         const int32_t star = stage.found().star[i];
         if (star >= 0) {
             const st_centroid &one = seen_[stars.index[i]];
-            icrf[known] = vector_of(stage.verifier().sky.direction[star]);
+            icrf[known] = vector_of(stage.uncounted().sky.direction[star]);
             uv[known] = {one.u_px, one.v_px};
             sigma_px[known] = one.sigma_px;
             delay_s[known++] = one.delay_s;
