@@ -38,7 +38,6 @@ from startracker_ros.photographs.unknown_lens import share_of_fisheye, UnknownLe
 LENS_ERROR = 0.01
 """How far the focal length is from that of the other image at most: of focus and temperature."""
 
-ATTEMPTS = 1
 # How far stars are from where an expected attitude has them, and as a share of the field.
 _NEAR_RAD, _NEAR_SHARE = np.radians(3.0), 0.1
 _SPOTS, _STARS = 60, 200  # brightest ones that are tried there
@@ -85,12 +84,13 @@ class SameCamera:
 
     def identify(self, lists: Iterable[Centroids], known: Known) -> Iterator[Attempt]:
         """Yield each identification of an image of a lens."""
-        camera, self._error = known.camera, known.error
-        if self._field is None or self._field.camera != camera:
+        camera = known.camera
+        if self._field is None or (self._field.camera, self._error) != (camera, known.error):
             onboard = (self._unknown.onboard if camera.model.equidistant
                        else self._blind.catalogue(camera))
             self._field = Field(camera, onboard, Verifier(
                 camera, onboard, self._options.tolerance_sigmas, known.error, lens_known=False))
+            self._error = known.error
         seen, tested = StarsSeen(self._options), 0
         # A list is made when it is first used.
         for centroids in few_star_lists(lists):

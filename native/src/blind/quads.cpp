@@ -234,18 +234,10 @@ void match_quad(const Vector3 *direction, const int32_t stars[4], double toleran
 /// Call visit(m) for the stars of all cells within a chord of a unit vector, by their places.
 template <class Visit>
 void visit_places(const QuadLevel &level, const Vector3 &centre, double chord, Visit visit) {
-    const Cells &cells = level.cells;
-    const CellRange x = cells_about(cells, centre[0], chord);
-    const CellRange y = cells_about(cells, centre[1], chord);
-    const CellRange z = cells_about(cells, centre[2], chord);
-    for (int32_t i = x.first; i <= x.last; ++i) {
-        for (int32_t j = y.first; j <= y.last; ++j) {
-            const int32_t row = (i * cells.cells + j) * cells.cells;
-            for (int32_t m = cells.start[row + z.first]; m < cells.start[row + z.last + 1]; ++m) {
-                visit(m);
-            }
-        }
-    }
+    any_place_near(level.cells, centre, chord, [&visit](int32_t m) {
+        visit(m);
+        return false;
+    });
 }
 
 }  // namespace

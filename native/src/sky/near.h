@@ -34,10 +34,10 @@ inline CellRange cells_about(const Cells &cells, double coordinate, double chord
             clipped((coordinate + reach + 1) * half, last)};
 }
 
-/// Call found(star) for the stars of all cells within a chord of a unit vector, until it is true;
-/// return whether it was.
+/// Call found(m) for the places of the stars of all cells within a chord of a unit vector, in the
+/// order of the cells, until it is true; return whether it was.
 template <class Found>
-inline bool any_near(const Cells &cells, const Vector3 &centre, double chord, Found found) {
+inline bool any_place_near(const Cells &cells, const Vector3 &centre, double chord, Found found) {
     const CellRange x = cells_about(cells, centre[0], chord);
     const CellRange y = cells_about(cells, centre[1], chord);
     const CellRange z = cells_about(cells, centre[2], chord);
@@ -47,13 +47,20 @@ inline bool any_near(const Cells &cells, const Vector3 &centre, double chord, Fo
             const int32_t row = (i * cells.cells + j) * cells.cells;
             const int32_t end = cells.start[row + z.last + 1];
             for (int32_t m = cells.start[row + z.first]; m < end; ++m) {
-                if (found(cells.member[m])) {
+                if (found(m)) {
                     return true;
                 }
             }
         }
     }
     return false;
+}
+
+/// Call found(star) for the stars of all cells within a chord of a unit vector, until it is true;
+/// return whether it was.
+template <class Found>
+inline bool any_near(const Cells &cells, const Vector3 &centre, double chord, Found found) {
+    return any_place_near(cells, centre, chord, [&](int32_t m) { return found(cells.member[m]); });
 }
 
 /// Call visit(star) for the stars of all cells within a chord of a unit vector.
