@@ -15,8 +15,6 @@ import math
 from numbers import Integral, Real
 from typing import Any
 
-import yaml
-
 
 @dataclass(frozen=True)
 class Option:
@@ -136,6 +134,7 @@ def options_by_class(classes: Sequence[type[Options]], values: Mapping[str, Any]
 
 def yaml_value(value: object) -> str:
     """Return a parameter value on one line of YAML, as the ROS parameter parser reads it."""
+    import yaml  # few programs write parameters
     value = list(value) if isinstance(value, tuple) else value
     text = yaml.safe_dump(value, default_flow_style=True, width=10 ** 6)
     return text.removesuffix('\n').removesuffix('\n...')
