@@ -35,8 +35,7 @@ def test_the_two_commands_stand_in_the_first_screen():
     ('campaign', ['campaign', 'jpdaf']), ('bench', ['bench', 'jpda', '--trials', '1']),
     ('closed-loop', ['demo', 'closed-loop'])])
 def test_a_command_of_evaluation_says_what_to_install(name, arguments, monkeypatch):
-    monkeypatch.setattr('startracker_ros.tools.cli.outcome.entry_points',
-                        lambda group: EntryPoints())
+    monkeypatch.setattr('importlib.metadata.entry_points', lambda group: EntryPoints())
     done = startracker(*arguments)
     assert done.exit_code == 1
     assert done.stderr == (

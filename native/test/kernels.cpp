@@ -496,7 +496,24 @@ void stt_filter(const uint16_t *image, int32_t width, int32_t height, double sig
 
 int32_t stt_connect(int32_t *mask, int32_t width, int32_t height) {
     Arena arena = arena_of_tests();
-    return connect({mask, width, height}, arena);
+    Connected spots(width, height, arena);
+    const Plane<int32_t> plane{mask, width, height};
+    auto *above = arena.take<uint8_t>(static_cast<size_t>(width));
+    for (int v = 0; v < height; ++v) {
+        for (int u = 0; u < width; ++u) {
+            above[u] = plane.at(u, v) != 0 ? 1 : 0;
+        }
+        spots.add_row(above);
+    }
+    const int count = spots.number();
+    for (int v = 0; v < height; ++v) {
+        for (const Run &run : spots.row(v)) {
+            for (int u = run.first; u <= run.last; ++u) {
+                plane.at(u, v) = run.spot;
+            }
+        }
+    }
+    return count;
 }
 
 void stt_hits(const uint16_t *image, int32_t width, int32_t height, const double *places,

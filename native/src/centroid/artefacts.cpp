@@ -26,7 +26,7 @@ struct Box {
 };
 
 ST_CLONES void set_bright(const uint16_t *__restrict row, const float *__restrict level,
-                          float above, int count, int32_t *__restrict bright) {
+                          float above, int count, uint8_t *__restrict bright) {
     for (int u = 0; u < count; ++u) {
         bright[u] = static_cast<float>(row[u]) > level[u] + above ? 1 : 0;
     }
@@ -38,52 +38,49 @@ ST_CLONES void join(const uint8_t *__restrict from, int count, uint8_t *__restri
     }
 }
 
-/// Number the connected bright pixels of an image; return how many spots there are.
-int connect_bright(const Image &image, const Mesh &mesh, double noise_dn,
-                   const Plane<int32_t> &spot, Arena &arena) {
+/// Add the bright pixels of an image to spots; return how many there are.
+int connect_bright(const Image &image, const Mesh &mesh, double noise_dn, Connected &spots,
+                   Arena &arena) {
     const Arena::Scope scope(arena);
     auto *line = arena.take<float>(static_cast<size_t>(image.width));
+    auto *bright = arena.take<uint8_t>(static_cast<size_t>(image.width));
     OverImage level(mesh, mesh.level, image.width, image.height, arena);
     for (int v = 0; v < image.height; ++v) {
         level.fill(v, line);
         set_bright(image.row(v), line, static_cast<float>(LARGE_SIGMAS * noise_dn), image.width,
-                   spot.row(v));
+                   bright);
+        spots.add_row(bright);
     }
-    return connect(spot, arena);
+    return spots.number();
 }
 
-/// Fill mask with 1 for the pixels of large spots, else 0; return whether there is a large one.
-bool mark_large(const Plane<int32_t> &spot, int count, const Plane<uint8_t> &mask, Arena &arena) {
+/// Fill mask with 1 for the pixels of large ones of count spots, else 0; return whether there is a
+/// large one.
+bool mark_large(const Connected &spots, int count, const Plane<uint8_t> &mask, Arena &arena) {
     const Arena::Scope scope(arena);
-    auto *boxes = arena.take<Box>(static_cast<size_t>(count) + 1);
-    auto *large = arena.take<uint8_t>(static_cast<size_t>(count) + 1);
-    for (int i = 0; i <= count; ++i) {
-        boxes[i] = {spot.width, 0, spot.height, 0};
+    auto *boxes = arena.take<Box>(static_cast<size_t>(count));
+    for (int i = 0; i < count; ++i) {
+        boxes[i] = {spots.width, 0, spots.height, 0};
     }
-    for (int v = 0; v < spot.height; ++v) {
-        const int32_t *row = spot.row(v);
-        for (int u = 0; u < spot.width; ++u) {
-            if (row[u] == 0) {
-                continue;
-            }
-            Box &box = boxes[row[u]];
-            box.left = u < box.left ? u : box.left;
-            while (u + 1 < spot.width && row[u + 1] != 0) {
-                ++u;  // of the same spot
-            }
-            box.right = u > box.right ? u : box.right;
+    for (int v = 0; v < spots.height; ++v) {
+        for (const Run &run : spots.row(v)) {
+            Box &box = boxes[run.spot - 1];
+            box.left = run.first < box.left ? run.first : box.left;
+            box.right = run.last > box.right ? run.last : box.right;
             box.top = v < box.top ? v : box.top;
             box.bottom = v;
         }
     }
     bool any = false;
-    large[0] = 0;
-    for (int i = 1; i <= count; ++i) {
-        large[i] = boxes[i].is_large() ? 1 : 0;
-        any |= boxes[i].is_large();
-    }
-    for (int k = 0; k < spot.size(); ++k) {
-        mask.value[k] = large[spot.value[k]];
+    std::memset(mask.value, 0, static_cast<size_t>(mask.size()));
+    for (int v = 0; v < spots.height; ++v) {
+        for (const Run &run : spots.row(v)) {
+            if (boxes[run.spot - 1].is_large()) {
+                std::memset(mask.row(v) + run.first, 1,
+                            static_cast<size_t>(run.last - run.first + 1));
+                any = true;
+            }
+        }
     }
     return any;
 }
@@ -121,11 +118,11 @@ void remove_large(const Image &image, uint16_t *clean, const Mesh &mesh, double 
                   Arena &arena) {
     const Arena::Scope scope(arena);
     const auto size = static_cast<size_t>(image.size());
-    const Plane<int32_t> spot{arena.take<int32_t>(size), image.width, image.height};
-    const int count = connect_bright(image, mesh, noise_dn, spot, arena);
+    Connected spots(image.width, image.height, arena);
+    const int count = connect_bright(image, mesh, noise_dn, spots, arena);
     const Plane<uint8_t> mask{arena.take<uint8_t>(size), image.width, image.height};
     const Plane<uint8_t> wide{arena.take<uint8_t>(size), image.width, image.height};
-    if (!mark_large(spot, count, mask, arena) ||
+    if (!mark_large(spots, count, mask, arena) ||
         static_cast<double>(widen(mask, wide, arena)) > MOST_SHARE * image.size()) {
         return;
     }

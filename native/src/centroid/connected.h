@@ -5,15 +5,59 @@
 
 #pragma once
 
-#include "centroid/image.h"
 #include "maths/arena.h"
 
 namespace st {
 
-/// Number the spots of a plane: pixels that are not 0 get the number of their spot, from 1 on, in
-/// the order of the first pixels of the spots. Return how many there are.
+/// The pixels first .. last of a row, and the number of their spot.
+struct Run {
+    int32_t spot;
+    uint16_t first, last;
+};
+
+/// The connected spots of an image, whose pixels are given row by row.
 ///
-/// Union of sets with halved paths (Tarjan, J. ACM 22, 1975), over the image row by row.
-int connect(const Plane<int32_t> &spot, Arena &arena);
+/// Most of an image is sky: what follows looks at the runs of a spot along its rows alone. Union of
+/// sets with halved paths (Tarjan, J. ACM 22, 1975).
+class Connected {
+public:
+    struct Row {
+        const Run *first, *last;
+
+        const Run *begin() const { return first; }
+        const Run *end() const { return last; }
+    };
+
+    /// An image of this size without any spots.
+    Connected(int width, int height, Arena &arena);
+
+    /// Add the next row: its pixels of spots are 1, all others 0.
+    void add_row(const uint8_t *above);
+
+    /// Number the spots from 1 on, in the order of their first pixels, after the last row; return
+    /// how many there are.
+    int number();
+
+    /// Return the runs of a row, from left to right.
+    Row row(int v) const { return {run_ + start_[v], run_ + start_[v + 1]}; }
+
+    /// Return how many pixels of the columns left .. left + side - 1 and the rows from top on are of
+    /// spots; beyond its borders the image is mirrored.
+    int count_in(int left, int top, int side) const;
+
+    /// Bytes that an image takes.
+    static size_t bytes(int width, int height);
+
+    const int width, height;
+
+private:
+    int count_in_row(int v, int left, int right) const;
+
+    Run *run_;
+    int *start_;
+    int32_t *parent_;
+    int rows_ = 0;
+    int32_t numbers_ = 0;
+};
 
 }  // namespace st

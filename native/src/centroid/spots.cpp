@@ -9,6 +9,7 @@
 #include "centroid/blur.h"
 #include "centroid/connected.h"
 #include "centroid/smoothing.h"
+#include "maths/clones.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -82,12 +83,20 @@ void set_threshold(const Mesh &mesh, double *tiles) {
     }
 }
 
-/// Fill smooth with the filtered image less its level, and spot with 1 where that is above the
-/// threshold, else 0.
+ST_CLONES void mark_above(const float *__restrict value, const float *__restrict limit, int count,
+                          uint8_t *__restrict above) {
+    for (int u = 0; u < count; ++u) {
+        above[u] = value[u] > limit[u] ? 1 : 0;
+    }
+}
+
+/// Fill smooth with the filtered image less its level, and add the pixels above the threshold to
+/// spots.
 void filter(const Image &image, const Mesh &mesh, const double *threshold,
-            const Plane<float> &smooth, const Plane<int32_t> &spot, Arena &arena) {
+            const Plane<float> &smooth, Connected &spots, Arena &arena) {
     const Arena::Scope scope(arena);
     auto *line = arena.take<float>(static_cast<size_t>(image.width));
+    auto *above = arena.take<uint8_t>(static_cast<size_t>(image.width));
     OverImage level(mesh, mesh.level, image.width, image.height, arena);
     for (int v = 0; v < image.height; ++v) {
         level.fill(v, line);
@@ -99,49 +108,51 @@ void filter(const Image &image, const Mesh &mesh, const double *threshold,
     OverImage limit(mesh, threshold, image.width, image.height, arena);
     for (int v = 0; v < image.height; ++v) {
         limit.fill(v, line);
-        for (int u = 0; u < image.width; ++u) {
-            spot.at(u, v) = smooth.at(u, v) > line[u] ? 1 : 0;
-        }
+        mark_above(smooth.row(v), line, image.width, above);
+        spots.add_row(above);
     }
 }
 
-/// Add up the pixels of each spot; the moments about the centre come last.
-void measure(const Plane<float> &smooth, const Plane<int32_t> &spot, const Mesh &mesh,
-             const double *threshold, Spot *spots, int count, Arena &arena) {
+/// Add up the pixels of the first count of spots; the moments about the centre come last.
+void measure(const Plane<float> &smooth, const Connected &spots, const Mesh &mesh,
+             const double *threshold, Spot *measured, int count, Arena &arena) {
     const Arena::Scope scope(arena);
     for (int i = 0; i < count; ++i) {
-        spots[i] = {0, 0, 0, 0, 0, 0, smooth.width, 0, smooth.height, 0, 0};
+        measured[i] = {0, 0, 0, 0, 0, 0, smooth.width, 0, smooth.height, 0, 0};
     }
     auto *line = arena.take<float>(static_cast<size_t>(smooth.width));
     OverImage limit(mesh, threshold, smooth.width, smooth.height, arena);
     for (int v = 0; v < smooth.height; ++v) {
         limit.fill(v, line);
-        for (int u = 0; u < smooth.width; ++u) {
-            const int number = spot.at(u, v);
-            if (number == 0 || number > count) {
+        for (const Run &run : spots.row(v)) {
+            if (run.spot > count) {
                 continue;
             }
-            Spot &one = spots[number - 1];
-            const auto flux = static_cast<double>(smooth.at(u, v));
-            const float noise = line[u] / static_cast<float>(THRESHOLD_SIGMAS);
-            one.flux += flux;
-            one.flux_u += flux * u;
-            one.flux_v += flux * v;
-            one.peak = larger(one.peak, flux);
-            one.variance += static_cast<double>(noise * noise);
-            one.left = u < one.left ? u : one.left;
-            one.right = u > one.right ? u : one.right;
+            Spot &one = measured[run.spot - 1];
+            for (int u = run.first; u <= run.last; ++u) {
+                const auto flux = static_cast<double>(smooth.at(u, v));
+                const float noise = line[u] / static_cast<float>(THRESHOLD_SIGMAS);
+                one.flux += flux;
+                one.flux_u += flux * u;
+                one.flux_v += flux * v;
+                one.peak = larger(one.peak, flux);
+                one.variance += static_cast<double>(noise * noise);
+            }
+            one.left = run.first < one.left ? run.first : one.left;
+            one.right = run.last > one.right ? run.last : one.right;
             one.top = v < one.top ? v : one.top;
             one.bottom = v;
-            ++one.pixels;
+            one.pixels += run.last - run.first + 1;
         }
     }
     for (int v = 0; v < smooth.height; ++v) {
-        for (int u = 0; u < smooth.width; ++u) {
-            const int number = spot.at(u, v);
-            if (number > 0 && number <= count) {
-                Spot &one = spots[number - 1];
-                const Place centre = one.centre();
+        for (const Run &run : spots.row(v)) {
+            if (run.spot > count) {
+                continue;
+            }
+            Spot &one = measured[run.spot - 1];
+            const Place centre = one.centre();
+            for (int u = run.first; u <= run.last; ++u) {
                 const double across = u - centre.u, down = v - centre.v;
                 one.second +=
                     static_cast<double>(smooth.at(u, v)) * (across * across + down * down);
@@ -169,21 +180,15 @@ bool is_isolated(const Spot &spot, const Plane<float> &smooth, const OverImage &
 }
 
 /// Return the share of the pixels about a spot that are above the threshold, without its own.
-double surroundings(const Spot &spot, const Plane<int32_t> &above) {
-    const int side = (above.width > above.height ? above.width : above.height) / CALM_SIDES;
+double surroundings(const Spot &spot, const Connected &spots) {
+    const int side = (spots.width > spots.height ? spots.width : spots.height) / CALM_SIDES;
     if (side == 0) {
         return 0.0;
     }
     const Place centre = spot.centre();
     const int left = static_cast<int>(std::nearbyint(centre.u)) - side / 2;
     const int top = static_cast<int>(std::nearbyint(centre.v)) - side / 2;
-    int count = 0;
-    for (int v = top; v < top + side; ++v) {
-        for (int u = left; u < left + side; ++u) {
-            count += above.at(mirrored(u, above.width), mirrored(v, above.height)) != 0 ? 1 : 0;
-        }
-    }
-    return static_cast<double>(count - spot.pixels) / (side * side);
+    return static_cast<double>(spots.count_in(left, top, side) - spot.pixels) / (side * side);
 }
 
 /// Keep the calm ones of candidates; return their number.
@@ -232,13 +237,13 @@ void find_spots(const Image &image, double cell_share, bool calm, List<st_centro
     auto *threshold = arena.take<double>(tiles);
     set_threshold(mesh, threshold);
     const Plane<float> smooth{arena.take<float>(size), image.width, image.height};
-    const Plane<int32_t> spot{arena.take<int32_t>(size), image.width, image.height};
-    filter(image, mesh, threshold, smooth, spot, arena);
-    const int most = image.size() / PX_PER_SPOT + 1, found = connect(spot, arena);
+    Connected connected(image.width, image.height, arena);
+    filter(image, mesh, threshold, smooth, connected, arena);
+    const int most = image.size() / PX_PER_SPOT + 1, found = connected.number();
     const int count = found < most ? found : most;
     auto *measured = arena.take<Spot>(static_cast<size_t>(count));
     auto *candidates = arena.take<Candidate>(static_cast<size_t>(count));
-    measure(smooth, spot, mesh, threshold, measured, count, arena);
+    measure(smooth, connected, mesh, threshold, measured, count, arena);
     const OverImage level(mesh, mesh.level, image.width, image.height, arena);
     const int longest = image.width > image.height ? image.width : image.height;
     const double most_side = MOST_SIDE * larger(1.0, longest / REFERENCE_PX);
@@ -246,7 +251,7 @@ void find_spots(const Image &image, double cell_share, bool calm, List<st_centro
     for (int i = 0; i < count; ++i) {
         if (measured[i].side() <= most_side && is_isolated(measured[i], smooth, level)) {
             candidates[left++] = {i, measured[i].flux,
-                                  calm ? surroundings(measured[i], spot) : 0.0};
+                                  calm ? surroundings(measured[i], connected) : 0.0};
         }
     }
     if (calm) {

@@ -10,6 +10,7 @@
 #include "centroid/misfit.h"
 #include "centroid/streak_filter.h"
 #include "centroid/streak_fit.h"
+#include "maths/clones.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -90,32 +91,36 @@ void above_background(const Frame &frame, const Plane<float> &plane, Arena &aren
     }
 }
 
-Sums *spot_sums(const Plane<float> &smooth, const Plane<int32_t> &number, int count,
-                Arena &arena) {
+Sums *spot_sums(const Plane<float> &smooth, const Connected &spots, int count, Arena &arena) {
     auto *sums = arena.take<Sums>(static_cast<size_t>(count));
     for (int k = 0; k < count; ++k) {
         sums[k] = {{}, smooth.width, smooth.height, 0, 0, 0};
     }
     for (int v = 0; v < smooth.height; ++v) {
-        const int32_t *row = number.row(v);
-        for (int u = 0; u < smooth.width; ++u) {
-            if (row[u] == 0) {
-                continue;
+        for (const Run &run : spots.row(v)) {
+            Sums &of = sums[run.spot - 1];
+            for (int u = run.first; u <= run.last; ++u) {
+                const double weight = static_cast<double>(smooth.at(u, v)), x = u, y = v;
+                const double power[6] = {1.0, x, y, x * x, x * y, y * y};
+                for (int k = 0; k < 6; ++k) {
+                    of.m[k] += weight * power[k];
+                }
             }
-            Sums &of = sums[row[u] - 1];
-            const double weight = static_cast<double>(smooth.at(u, v)), x = u, y = v;
-            const double power[6] = {1.0, x, y, x * x, x * y, y * y};
-            for (int k = 0; k < 6; ++k) {
-                of.m[k] += weight * power[k];
-            }
-            of.left = u < of.left ? u : of.left;
+            of.left = run.first < of.left ? run.first : of.left;
             of.top = v < of.top ? v : of.top;
-            of.right = u > of.right ? u : of.right;
-            of.bottom = v > of.bottom ? v : of.bottom;
-            ++of.area;
+            of.right = run.last > of.right ? run.last : of.right;
+            of.bottom = v;
+            of.area += run.last - run.first + 1;
         }
     }
     return sums;
+}
+
+ST_CLONES void mark_above(const float *__restrict value, float limit, int count,
+                          uint8_t *__restrict above) {
+    for (int u = 0; u < count; ++u) {
+        above[u] = value[u] > limit ? 1 : 0;
+    }
 }
 
 /// Return the brightest spots of the thresholded image that do not touch its border.
@@ -124,23 +129,22 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
     const int width = frame.image.width, height = frame.image.height;
     const auto size = static_cast<size_t>(width) * static_cast<size_t>(height);
     const Plane<float> smooth{arena.take<float>(size), width, height};
-    const Plane<int32_t> number{arena.take<int32_t>(size), width, height};
+    Connected connected(width, height, arena);
+    auto *above = arena.take<uint8_t>(static_cast<size_t>(width));
     Spots spots;
-    if (number.value == nullptr) {
-        return spots;
-    }
     above_background(frame, smooth, arena);
     blur(smooth, SMOOTHING_PX, arena);
     const double noise = frame.noise_dn() / (2 * std::sqrt(M_PI) * SMOOTHING_PX);
     const auto threshold = static_cast<float>(SPOT_SIGMAS * noise);
-    for (int k = 0; k < smooth.size(); ++k) {
-        number.value[k] = smooth.value[k] > threshold ? 1 : 0;
+    for (int v = 0; v < height; ++v) {
+        mark_above(smooth.row(v), threshold, width, above);
+        connected.add_row(above);
     }
-    const int count = connect(number, arena);
+    const int count = connected.number();
     if (count > MOST_NUMBERS) {
         return spots;
     }
-    const Sums *sums = spot_sums(smooth, number, count, arena);
+    const Sums *sums = spot_sums(smooth, connected, count, arena);
     int *order = arena.take<int>(static_cast<size_t>(count));
     int *work = arena.take<int>(static_cast<size_t>(count)), inside = 0;
     for (int k = 0; k < count; ++k) {
@@ -328,11 +332,12 @@ int search_streaks(const Frame &frame, const Streak &streak, double sigma_px,
 
 size_t streak_search_bytes(int width, int height) {
     const auto w = static_cast<size_t>(width), h = static_cast<size_t>(height);
-    // Of the background, of the blur and of the numbers of spots; they follow each other.
+    // Of the background, of the blur and of the spots; they follow each other.
     const size_t image = Arena::padded<float>(w * h);
-    const size_t spots = 2 * image + Arena::padded<int32_t>((w + 1) / 2 * ((h + 1) / 2) + 1) +
+    const size_t connected = Connected::bytes(width, height) + Arena::padded<uint8_t>(w);
+    const size_t spots = image + connected +
                          Arena::padded<Sums>(MOST_NUMBERS) + 2 * Arena::padded<int>(MOST_NUMBERS);
-    const size_t blurred = 2 * image + 34 * Arena::padded<float>(w + 64);
+    const size_t blurred = 2 * image + connected + 34 * Arena::padded<float>(w + 64);
     const size_t search = image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) +
                           Arena::padded<double>(MOST_STREAK_PEAKS) +
                           streak_filter_bytes(width, height);
