@@ -40,8 +40,9 @@ constexpr double STOP_PERIOD_NS = 3e5;
 bool is_searched(const Verifier &verifier, double median_sigma, int count, double looked_up,
                  double cost_ns, double tested, double false_alarm_max) {
     const double n = count, r = verifier.tolerance_sigmas * median_sigma;
-    const int32_t poor = std::max(verifier.counts[FIELD_SAMPLES / EXTREME], 1);
-    const int32_t M = std::min(count, verifier.counts[FIELD_SAMPLES - FIELD_SAMPLES / EXTREME]);
+    const int few = verifier.samples / EXTREME;
+    const int32_t poor = std::max(verifier.counts[few], 1);
+    const int32_t M = std::min(count, verifier.counts[verifier.samples - few]);
     const double p = std::fmin(1.0, poor * M_PI * r * r / verifier.field.area);
     const double per_triangle = FINDS / (n * (n - 1) * (n - 2) / 6);
     const double left = std::log(1 - looked_up * per_triangle);

@@ -64,9 +64,12 @@ void count_fields(Verifier &verifier) {
     // Archimedes: the cap of a sphere has the area of a disc whose radius is its chord.
     const double chord = std::fmin(std::sqrt(verifier.field.solid_angle / M_PI), 2.0);
     const double golden = M_PI * (3 - std::sqrt(5.0));
-    for (int i = 0; i < FIELD_SAMPLES; ++i) {
+    // Wide fields overlap: more of them tell nothing new.
+    const double wide = SAMPLES_OF_STAR * 4 * M_PI / verifier.field.solid_angle;
+    const int samples = verifier.samples = static_cast<int>(std::fmin(std::ceil(wide), MOST_SAMPLES));
+    for (int i = 0; i < samples; ++i) {
         // Evenly over the sphere, on a spiral of the golden angle.
-        const double z = 1 - (2 * i + 1.0) / FIELD_SAMPLES, r = std::sqrt(1 - z * z);
+        const double z = 1 - (2 * i + 1.0) / samples, r = std::sqrt(1 - z * z);
         const Vector3 centre{{r * std::cos(golden * i), r * std::sin(golden * i), z}};
         int32_t count = 0;
         visit_near(sky.cells, centre, chord, [&](int32_t star) {
@@ -76,7 +79,7 @@ void count_fields(Verifier &verifier) {
         });
         verifier.counts[i] = count;
     }
-    sort_ascending(verifier.counts, FIELD_SAMPLES);
+    sort_ascending(verifier.counts, samples);
 }
 
 int count_in_image(const Verifier &verifier, const StarMatch &found, int32_t brightest) {
@@ -127,12 +130,12 @@ void verify(const Verifier &verifier, const ImageStars &stars, const int32_t *ba
     const double p = std::fmin(1.0, std::max(in_field, 1) * M_PI * r * r / area);
     const int32_t *counts = verifier.counts;
     const auto not_richer = std::max<ptrdiff_t>(
-        std::upper_bound(counts, counts + FIELD_SAMPLES, in_field) - counts, 1);
+        std::upper_bound(counts, counts + verifier.samples, in_field) - counts, 1);
     for (int i = 0; verifier.bases_by_brightness && i < based; ++i) {
         brightest[base[i]] = false;
     }
     const double product = binomial_tail(m, n, p) *
-                           (static_cast<double>(not_richer) / FIELD_SAMPLES) *
+                           (static_cast<double>(not_richer) / verifier.samples) *
                            order_probability(found.star, brightest, stars.count) *
                            residual_probability(found.residual, stars.count, r, based);
     result.false_alarm = std::fmin(1.0, std::fmax(tested, 1.0) * fisher_combined(product));

@@ -15,8 +15,8 @@
 
 namespace st {
 
-/// Random fields at which the density of the sky is sampled.
-constexpr int FIELD_SAMPLES = 2000;
+/// Fields at which the density of the sky is sampled at most, and those that have a star at most.
+constexpr int MOST_SAMPLES = 2000, SAMPLES_OF_STAR = 100;
 
 /// The part of the sky that an image shows: borders of the undistorted coordinates on its axes, the
 /// chord from the optical axis to the farthest corner, area in rad^2 at the scale of the middle,
@@ -40,7 +40,8 @@ struct Verifier {
     bool lens_known;
     double tolerance_sigmas, side_sigmas;  // of stars, of sides of triangles
     double scale_error;                    // of the focal length, a share
-    int32_t counts[FIELD_SAMPLES];         // stars in fields about random directions, ascending
+    int samples;
+    int32_t counts[MOST_SAMPLES];          // stars in fields about random directions, ascending
 };
 
 /// Set the numbers of stars in fields about random directions.
