@@ -186,8 +186,8 @@ class BlindIdentifier:
         """Yield each identification, and None where the stars of a short search end."""
         if shape != self._shape:
             self._shape, self._fields = shape, {}
-        tested, used, seen = 0, list(islice(lists, LISTS)), StarsSeen(self._options)
-        for one_field in self._in_order(used, seen, batches):
+        tested, seen = 0, StarsSeen(self._options)
+        for one_field in self._in_order(lists, seen, batches):
             if one_field is None:
                 yield None
                 continue
@@ -200,10 +200,10 @@ class BlindIdentifier:
                     attempt = self._resolved(attempt, number)
                     yield attempt
                     # One list may have the stars with too many other spots for a lens.
-                    yield from (in_list(attempt, other) for other in used
+                    yield from (in_list(attempt, other) for other in islice(lists, LISTS)
                                 if other is not one.centroids)
 
-    def _in_order(self, lists: Sequence[Centroids], seen: 'StarsSeen', batches: Sequence[int]
+    def _in_order(self, lists: Iterable[Centroids], seen: 'StarsSeen', batches: Sequence[int]
                   ) -> Iterator[_OfField | None]:
         """
         Yield the candidates of each field, and None where the stars of a short search end.
@@ -225,12 +225,15 @@ class BlindIdentifier:
                 [*pairwise(batches)][len(quick):], range(len(_TABLES))):
             yield from self._of_fields(lists, seen, table, first, last)
 
-    def _of_fields(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
-                   last: int) -> list[_OfField]:
-        """Return the candidates of the quads of a table, the widest field first."""
-        return sorted(self._candidates(lists, seen, table, first, last).items(), reverse=True)
+    def _of_fields(self, lists: Iterable[Centroids], seen: 'StarsSeen', table: int, first: int,
+                   last: int) -> Iterator[_OfField]:
+        """Yield the candidates of the quads of a table, of each list the widest field first."""
+        # A list is made when it is first used.
+        for centroids in islice(lists, LISTS):
+            yield from sorted(
+                self._candidates(centroids, seen, table, first, last).items(), reverse=True)
 
-    def _candidates(self, lists: Sequence[Centroids], seen: 'StarsSeen', table: int, first: int,
+    def _candidates(self, centroids: Centroids, seen: 'StarsSeen', table: int, first: int,
                     last: int) -> dict[tuple[int, float], list[Candidates]]:
         """Return the candidates of the quads of a table by field and pixel ratio."""
         found: dict[tuple[int, float], list[Candidates]] = {}
@@ -238,7 +241,7 @@ class BlindIdentifier:
         height, width = self._shape
         lenses = [lens for lens in _lenses(self._shape, table)
                   if lens.fov_deg < _BRIGHT_DEG or first < _BRIGHT_STARS]
-        for lens, centroids in product(lenses, lists):
+        for lens in lenses:
             camera = ideal_camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2),
                                   lens.pixel_ratio)
             index, direction, _ = seen.by(camera, centroids)
