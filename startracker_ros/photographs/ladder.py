@@ -63,7 +63,7 @@ STEPS = (
 _DEEPEST_MAG = 9.0  # where Hipparcos is nearly complete
 # Times are those of identify_within(). A search that succeeds mostly does so in a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
-_LONGEST_S = 0.3  # of all searches, so that an image without stars is soon left
+_LONGEST_S = 0.6  # of all searches, so that an image without stars is soon left
 _BRIGHT = BrightLevel(stars_per_field=10.0, image_stars=10, triangles=60)
 # Mirrored images are named as such: the first steps, each list of stars once.
 _MIRRORED_STEPS, _MIRRORED_S = STEPS[:4], 0.004
