@@ -39,9 +39,6 @@ _SEARCHES, _TILED_SEARCHES, _OF_KNOWN = 2, 4, 0.5
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
-# Of a narrower field that is given quads of its scale are looked up first, as of a known lens: the
-# ladder takes long where the catalogue is deep.
-_NARROW_RAD = np.radians(4.0)
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -57,7 +54,7 @@ class _Search(NamedTuple):
     identify: Callable[[Iterable[Centroids]], Iterator[Attempt]]
     identify_mirrored: Callable[[Iterable[Centroids]], Iterator[Attempt]]
     fov_error: float
-    attempts: int
+    attempts: float
     fields: str
     enough_deg: float = _WIDEST_GIVEN_DEG
     any_field: bool = True
@@ -70,9 +67,9 @@ class PhotographSolver:
 
     A nominal camera is believed first, then any field of view is searched as if none were given:
     both together are as strict as one identification. Before them is the lens of another image, if
-    that is known. Lenses of which nothing is known, not the
-    centre either, are the last, and certain: of cropped images, and fisheyes. A catalogue of the
-    user is searched before all others, for the narrow fields that it is made for.
+    that is known. Lenses of which nothing is known, not the centre either, are the last, and
+    certain: of cropped images, and fisheyes. A catalogue of the user is searched before all others,
+    for the narrow fields that it is made for.
     """
 
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
@@ -101,8 +98,6 @@ class PhotographSolver:
         another image of the camera has shown.
         """
         detections = Detections(image)
-        if known is None and nominal is not None and nominal.fov_x_rad < _NARROW_RAD:
-            known = Known(nominal, np.empty((0, 4)), '', error=self._fov_error)
         if known is not None:
             solution = self._of_known(detections, known, observer, bodies)
             if solution is not None:
@@ -142,7 +137,9 @@ class PhotographSolver:
         if nominal is not None:
             narrow, more_lacks = self._narrow(nominal, shape, place)
             coarse = _coarse(nominal)
-            searches[:0] = narrow if coarse else [*narrow, self._known(nominal)]
+            # Quads of its scale are fast; the ladder has lenses of other shapes.
+            searches[:0] = narrow if coarse else [
+                *narrow, self._quads_of(nominal), self._known(nominal)]
             lacks = [*dict.fromkeys(more_lacks + lacks), *([coarse] if coarse else [])]
         first = searches[0]
         rejected = ''
@@ -174,6 +171,13 @@ class PhotographSolver:
             *([f'the best try: {rejected}'] if rejected else []), *lacks,
             'if it is the night sky: focus, expose longer, or subtract a dark frame'])
         return Solution.none(first.camera, most, 'no_candidate', unexplained)
+
+    def _quads_of(self, nominal: Camera) -> _Search:
+        """Return the search of a nominal camera as of a known lens."""
+        known = Known(nominal, np.empty((0, 4)), '', error=self._fov_error)
+        return _Search(
+            nominal, partial(self._same.identify, known=known), lambda _: iter(()),
+            self._fov_error, 1 / _OF_KNOWN, _about(nominal), any_field=False)
 
     def _of_peaks(self, detections: Detections, nominal: Camera | None, observer: Observer,
                   bodies: Bodies) -> Solution | None:
@@ -299,7 +303,11 @@ def _known_field(epoch_year: float, options: IdentificationOptions, camera: Came
     ladder = LadderIdentifier(camera, epoch_year, options)
     return _Search(camera, ladder.identify, ladder.identify_mirrored,
                    options.fov_error_percent / 100, ATTEMPTS,
-                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', any_field=False)
+                   _about(camera), any_field=False)
+
+
+def _about(nominal: Camera) -> str:
+    return f'about {np.degrees(nominal.fov_x_rad):.3g} deg'
 
 
 def first_lens(attempts: Iterable[Attempt], fov_error: float
