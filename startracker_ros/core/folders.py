@@ -18,7 +18,7 @@ from startracker_ros.core.ctrl_c import deleted_by_ctrl_c
 CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
 """Environment variable with the size of the cache folder."""
 
-CACHE_MB = 500.0
+CACHE_MB = 800.0
 """Its default. A search of all fields of view has 350 MB of databases, a camera up to 170 MB."""
 
 
