@@ -4,16 +4,16 @@
 """
 Identification of images of an uncalibrated camera: one lens model after the other.
 
-Each step is an identification with an error of the lens (sigma_floor_px), a depth of the
-catalogue, a ratio of the pixel sides and a radial distortion. The first ones solve most images:
-an ideal lens with an error of a pixel. The last ones allow for stars far from where an ideal lens
-has them. A step accepts a candidate when its false-alarm probability is below false_alarm_max over
+Each step is an identification with an error of the lens (sigma_floor_px), a ratio of the pixel
+sides and a radial distortion. The first ones solve most images: an ideal lens with an error of a
+pixel. The last ones allow for stars far from where an ideal lens has them. A step accepts a candidate when its false-alarm probability is below false_alarm_max over
 the number of attempts, so that all together are as strict as one identification. The lens is
 then fitted (calibration/estimated_lens.py), so near misses reject nothing here.
 """
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import cached_property
 from itertools import islice, product
 from typing import NamedTuple
 
@@ -41,26 +41,24 @@ that have moved.
 
 class Step(NamedTuple):
     """
-    A lens model: error, depth of the catalogue beyond the automatic limit, fy / fx, k1.
+    A lens model: error, fy / fx, k1.
 
     Where bright, many triangles of the brightest stars are tried first. That is fast in deep
     images, whose wide tolerances fit many catalogue stars, and in vain where few spots are stars.
     """
 
     sigma_floor_px: float
-    deeper_mag: float = 0.0
     pixel_ratio: float = 1.0
     k1: float = 0.0
     bright: bool = False
 
 
 STEPS = (
-    Step(1.0), Step(1.0, bright=True), Step(2.0), Step(0.2), Step(0.5, 0.7), Step(1.0, 0.7),
-    Step(4.0), Step(1.0, 0.7, pixel_ratio=0.5), Step(1.0, 0.7, pixel_ratio=2.0), Step(2.0, 0.7),
-    Step(2.0, k1=-0.2), Step(2.0, 0.7, pixel_ratio=0.935), Step(2.0, 0.7, pixel_ratio=1.07),
-    Step(4.0, k1=0.15), Step(4.0, k1=-0.35), Step(0.5, 1.3), Step(1.0, 1.3),
-    Step(4.0, pixel_ratio=1.07, k1=-0.2), Step(4.0, pixel_ratio=0.935, k1=-0.2))
-_DEEPEST_MAG = 9.0  # where Hipparcos is nearly complete
+    Step(1.0), Step(1.0, bright=True), Step(2.0), Step(0.2), Step(0.5), Step(4.0),
+    Step(1.0, pixel_ratio=0.5), Step(1.0, pixel_ratio=2.0), Step(2.0, k1=-0.2),
+    Step(2.0, pixel_ratio=0.935), Step(2.0, pixel_ratio=1.07), Step(4.0, k1=0.15),
+    Step(4.0, k1=-0.35), Step(4.0, pixel_ratio=1.07, k1=-0.2),
+    Step(4.0, pixel_ratio=0.935, k1=-0.2))
 # Times are those of identify_within(). A search that succeeds mostly does so in a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
 _LONGEST_S = 0.6  # of all searches, so that an image without stars is soon left
@@ -90,6 +88,8 @@ def chip_ratio(width: int, height: int) -> float | None:
 class UncalibratedPyramid(PyramidIdentifier):
     """The pyramid method without the test for near misses, and a database that is soon built."""
 
+    # The brightest stars of an image may be saturated, or not be stars.
+    stars_per_field = 45.0
     lens_known = False
     most_pairs = 2e6
 
@@ -109,25 +109,18 @@ class LadderIdentifier:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Databases are built when the first step of their depth is reached."""
+        """The database is built, or loaded, when it is first searched."""
         self.camera = camera
         self._years = epoch_year - REFERENCE_YEAR
-        self._moved: dict[float, OnboardCatalog] = {}
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
         self._steps: dict[Step, PyramidIdentifier] = {}
-        self._databases: dict[float, PyramidIdentifier] = {}
         self._triangles: SkyTriangles | None = None
         ratio = chip_ratio(camera.width, camera.height)
         self._few_max = options.false_alarm_max / 2 / FEW_LISTS
         fov_deg = np.degrees(max(camera.fov_x_rad, camera.fov_y_rad))
         self._seeks_few = not camera.model.equidistant and _FEW_DEG[0] <= fov_deg <= _FEW_DEG[1]
         self._order = STEPS if ratio is None else (
-            STEPS[0], Step(1.0, 0.7, pixel_ratio=ratio, bright=True), *STEPS[1:])
-
-    @property
-    def magnitude_limit(self) -> float:
-        """Return the automatic limit of the catalogue, V."""
-        return self._database(0.0).magnitude_limit
+            STEPS[0], Step(1.0, pixel_ratio=ratio, bright=True), *STEPS[1:])
 
     def identify(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """
@@ -168,13 +161,13 @@ class LadderIdentifier:
 
     def _few(self, centroids: Centroids) -> tuple[Attempt, float]:
         """Return the result of the search for few stars, and its work in s."""
-        database = self._database(0.0)
+        database = self._database
         if self._triangles is None:
             self._triangles = sky_triangles(database.onboard, image_area(self.camera))
         prepare(self._triangles.stored)
         found, spent_s = few_stars(database, self._triangles.table, centroids, _FEW_FLOOR_PX,
                                    self._few_max, _FEW_S)
-        return self._attempt(found, database, 0.0, centroids), spent_s
+        return self._attempt(found, database, centroids), spent_s
 
     def _search(self, step: Step, centroids: Centroids, work_s: float
                 ) -> tuple[Attempt | None, float]:
@@ -184,13 +177,11 @@ class LadderIdentifier:
             return None, 0.0
         identifier.prepare()
         found, spent_s = identifier.identify_within(centroids, work_s)
-        return self._attempt(found, identifier, step.deeper_mag, centroids), spent_s
+        return self._attempt(found, identifier, centroids), spent_s
 
-    def _attempt(self, found: Identification, identifier: PyramidIdentifier, deeper_mag: float,
+    def _attempt(self, found: Identification, identifier: PyramidIdentifier,
                  centroids: Centroids) -> Attempt:
-        onboard = identifier.onboard
-        if found.attitude is not None:
-            onboard = self._moved.setdefault(deeper_mag, onboard.after(self._years))
+        onboard = identifier.onboard if found.attitude is None else self._moved
         return Attempt(found, identifier.camera, onboard, centroids, self.camera)
 
     def _identifier(self, step: Step) -> PyramidIdentifier | None:
@@ -200,24 +191,20 @@ class LadderIdentifier:
             if camera is None:
                 return None
             options = replace(self._options, sigma_floor_px=step.sigma_floor_px)
-            database = self._database(step.deeper_mag)
+            database = self._database
             if step.bright:
                 database = database.with_bright_level(_BRIGHT)
             self._steps[step] = database.with_camera(camera, options)
         return self._steps[step]
 
-    def _database(self, deeper_mag: float) -> PyramidIdentifier:
-        if deeper_mag not in self._databases:
-            options = self._options
-            if deeper_mag:
-                limit = min(self.magnitude_limit + deeper_mag, _DEEPEST_MAG)
-                # The automatic limit of a narrow field is deeper.
-                if limit <= self.magnitude_limit:
-                    return self._database(0.0)
-                options = replace(options, magnitude_limit=limit)
-            self._databases[deeper_mag] = UncalibratedPyramid(
-                self.camera, REFERENCE_YEAR, options)
-        return self._databases[deeper_mag]
+    @cached_property
+    def _database(self) -> PyramidIdentifier:
+        return UncalibratedPyramid(self.camera, REFERENCE_YEAR, self._options)
+
+    @cached_property
+    def _moved(self) -> OnboardCatalog:
+        """Return the stars at the epoch of the images."""
+        return self._database.onboard.after(self._years)
 
     def _camera(self, step: Step) -> Camera | None:
         """Return the camera with pixel ratio and distortion of a step, of the same width."""

@@ -35,7 +35,8 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
-from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.identify.identification import (
+    IdentificationOptions, Identifier, limit_for)
 from startracker_ros.core.maths.rotation import rotate, unit_from_radec
 from startracker_ros.io.images.images import read_image
 from startracker_ros.io.table import Result
@@ -221,8 +222,8 @@ def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists)
 
 def _view(images: Sequence[Photograph], cameras: Sequence[Camera]) -> View:
     fov_deg = max(np.degrees(camera.fov_x_rad) for camera in cameras)
-    ladder = LadderIdentifier(cameras[0], images[0].epoch_year, _OPTIONS)
-    return View(images[0].group, cameras[0].width, float(fov_deg), ladder.magnitude_limit)
+    limit = limit_for(cameras[0], camera_catalog(cameras[0]), Identifier.stars_per_field)
+    return View(images[0].group, cameras[0].width, float(fov_deg), limit)
 
 
 def _tetra3rs(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists
