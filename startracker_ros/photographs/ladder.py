@@ -6,9 +6,10 @@ Identification of images of an uncalibrated camera: one lens model after the oth
 
 Each step is an identification with an error of the lens (sigma_floor_px), a ratio of the pixel
 sides and a radial distortion. The first ones solve most images: an ideal lens with an error of a
-pixel. The last ones allow for stars far from where an ideal lens has them. A step accepts a candidate when its false-alarm probability is below false_alarm_max over
-the number of attempts, so that all together are as strict as one identification. The lens is
-then fitted (calibration/estimated_lens.py), so near misses reject nothing here.
+pixel. The last ones allow for stars far from where an ideal lens has them. A step accepts a
+candidate when its false-alarm probability is below false_alarm_max over the number of attempts, so
+that all together are as strict as one identification. The lens is then fitted (estimated_lens.py),
+so near misses reject nothing here.
 """
 
 from collections.abc import Iterable, Iterator
@@ -109,7 +110,7 @@ class LadderIdentifier:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """The database is built, or loaded, when it is first searched."""
+        """Make what is searched; the database is built, or loaded, when it is first used."""
         self.camera = camera
         self._years = epoch_year - REFERENCE_YEAR
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)

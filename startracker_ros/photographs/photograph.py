@@ -68,8 +68,8 @@ class PhotographSolver:
     A nominal camera is believed first, then any field of view is searched as if none were given:
     both together are as strict as one identification. Before them is the lens of another image, if
     that is known. Lenses of which nothing is known, not the centre either, are the last, and
-    certain: of cropped images, and fisheyes. A catalogue of the user is searched before all others,
-    for the narrow fields that it is made for.
+    certain: of cropped images, and fisheyes. A catalogue of the user is searched before all
+    others, for the narrow fields that it is made for.
     """
 
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
