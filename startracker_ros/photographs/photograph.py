@@ -34,7 +34,8 @@ from startracker_ros.photographs.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 
 # Of the nominal camera and of any field; unknown lenses are certain. With a catalogue of the user
-# as well, near a position and anywhere. That of a known lens may be wrong half as often.
+# as well, near a position and anywhere. Quads of a lens, of another image or of the field that is
+# given, may be wrong half as often.
 _SEARCHES, _TILED_SEARCHES, _OF_KNOWN = 2, 4, 0.5
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
@@ -75,7 +76,7 @@ class PhotographSolver:
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
                  catalogue: TiledCatalogue | None = None) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        self._count = _OF_KNOWN + _SEARCHES + (0 if catalogue is None else _TILED_SEARCHES)
+        self._count = 2 * _OF_KNOWN + _SEARCHES + (0 if catalogue is None else _TILED_SEARCHES)
         options = replace(options, false_alarm_max=options.false_alarm_max / self._count)
         self._fov_error = options.fov_error_percent / 100
         self._tiled = None if catalogue is None else TiledIdentifier(
