@@ -335,8 +335,8 @@ size_t streak_search_bytes(int width, int height) {
     // Of the background, of the blur and of the spots; they follow each other.
     const size_t image = Arena::padded<float>(w * h);
     const size_t connected = Connected::bytes(width, height) + Arena::padded<uint8_t>(w);
-    const size_t spots = image + connected +
-                         Arena::padded<Sums>(MOST_NUMBERS) + 2 * Arena::padded<int>(MOST_NUMBERS);
+    const size_t spots = image + connected + Arena::padded<Sums>(MOST_NUMBERS) +
+                         2 * Arena::padded<int>(MOST_NUMBERS);
     const size_t blurred = 2 * image + connected + 34 * Arena::padded<float>(w + 64);
     const size_t search = image + Arena::padded<FluxPeak>(MOST_STREAK_PEAKS) +
                           Arena::padded<double>(MOST_STREAK_PEAKS) +

@@ -66,7 +66,8 @@ void count_fields(Verifier &verifier) {
     const double golden = M_PI * (3 - std::sqrt(5.0));
     // Wide fields overlap: more of them tell nothing new.
     const double wide = SAMPLES_OF_STAR * 4 * M_PI / verifier.field.solid_angle;
-    const int samples = verifier.samples = static_cast<int>(std::fmin(std::ceil(wide), MOST_SAMPLES));
+    const auto samples = static_cast<int>(std::fmin(std::ceil(wide), MOST_SAMPLES));
+    verifier.samples = samples;
     for (int i = 0; i < samples; ++i) {
         // Evenly over the sphere, on a spiral of the golden angle.
         const double z = 1 - (2 * i + 1.0) / samples, r = std::sqrt(1 - z * z);

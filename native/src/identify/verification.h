@@ -41,7 +41,7 @@ struct Verifier {
     double tolerance_sigmas, side_sigmas;  // of stars, of sides of triangles
     double scale_error;                    // of the focal length, a share
     int samples;
-    int32_t counts[MOST_SAMPLES];          // stars in fields about random directions, ascending
+    int32_t counts[MOST_SAMPLES];  // stars in fields about random directions, ascending
 };
 
 /// Set the numbers of stars in fields about random directions.
