@@ -304,7 +304,12 @@ def test_stars_are_where_wcs_and_catalogue_have_them(solution):
                                 axis=1) / ARCSEC
     assert np.sqrt(np.mean(off_arcsec ** 2)) == pytest.approx(solution.residual_arcsec, rel=0.02)
     pixel_arcsec = solution.camera.pixel_rad / ARCSEC
-    np.testing.assert_allclose(stars['residual_px'] * pixel_arcsec, off_arcsec, atol=0.05)
+    # Of a close double the lens is fitted to the centre of the light.
+    found = solution.identification
+    alone = catalog.magnitude[row] == found.magnitude[found.hip > 0].astype(np.float32)
+    assert np.count_nonzero(alone) > 0.8 * len(alone)
+    np.testing.assert_allclose(
+        (stars['residual_px'] * pixel_arcsec)[alone], off_arcsec[alone], atol=0.05)
 
 
 def test_without_an_attitude_there_is_a_picture_and_no_wcs():

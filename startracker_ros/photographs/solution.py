@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
@@ -207,7 +208,8 @@ class Solution(Summarised):
             stars['ra_deg'], stars['dec_deg'] = np.degrees(ra) % 360, np.degrees(dec)
         stars['u_px'], stars['v_px'] = seen.uv.T
         for name, column in (
-                ('hip', found.hip[row]), ('magnitude', found.magnitude[row]),
+                ('hip', found.hip[row]),
+                ('magnitude', _of_single_stars(found.hip[row], found.magnitude[row])),
                 ('flux_dn', seen.flux), ('snr', seen.snr), ('sigma_px', seen.sigma_px),
                 ('residual_px', found.residual_px[row])):
             stars[name] = column
@@ -316,3 +318,12 @@ class Solution(Summarised):
             axes = multiply(axes, self.camera.middle_axes)
         ra_deg, dec_deg, roll_deg = np.degrees(pointing_from_quaternion(axes))
         return float(ra_deg), float(dec_deg), float(roll_deg)
+
+
+def _of_single_stars(hip: np.ndarray, magnitude: np.ndarray) -> np.ndarray:
+    """Return magnitudes (N,) of stars by number (N,), not those of close doubles together."""
+    catalog = load_catalog()
+    _, here, there = np.intersect1d(hip, catalog.hip, return_indices=True)
+    magnitude = magnitude.copy()
+    magnitude[here] = catalog.magnitude[there]
+    return magnitude

@@ -60,9 +60,9 @@ bool mark_large(const Connected &spots, int count, const Plane<uint8_t> &mask, A
     const Arena::Scope scope(arena);
     auto *boxes = arena.take<Box>(static_cast<size_t>(count));
     for (int i = 0; i < count; ++i) {
-        boxes[i] = {spots.width, 0, spots.height, 0};
+        boxes[i] = {spots.width(), 0, spots.height(), 0};
     }
-    for (int v = 0; v < spots.height; ++v) {
+    for (int v = 0; v < spots.height(); ++v) {
         for (const Run &run : spots.row(v)) {
             Box &box = boxes[run.spot - 1];
             box.left = run.first < box.left ? run.first : box.left;
@@ -73,7 +73,7 @@ bool mark_large(const Connected &spots, int count, const Plane<uint8_t> &mask, A
     }
     bool any = false;
     std::memset(mask.value, 0, static_cast<size_t>(mask.size()));
-    for (int v = 0; v < spots.height; ++v) {
+    for (int v = 0; v < spots.height(); ++v) {
         for (const Run &run : spots.row(v)) {
             if (boxes[run.spot - 1].is_large()) {
                 std::memset(mask.row(v) + run.first, 1,

@@ -44,8 +44,8 @@ size_t most_runs(int width, int height) {
 }  // namespace
 
 Connected::Connected(int width, int height, Arena &arena)
-    : width(width),
-      height(height),
+    : width_(width),
+      height_(height),
       run_(arena.take<Run>(most_runs(width, height))),
       start_(arena.take<int>(static_cast<size_t>(height) + 1)),
       parent_(arena.take<int32_t>(most_sets(width, height))) {
@@ -61,13 +61,13 @@ size_t Connected::bytes(int width, int height) {
 void Connected::add_row(const uint8_t *above) {
     Row before = rows_ > 0 ? row(rows_ - 1) : Row{run_, run_};
     Run *end = run_ + start_[rows_];
-    for (int u = 0; u < width;) {
-        const void *next = std::memchr(above + u, 1, static_cast<size_t>(width - u));
+    for (int u = 0; u < width_;) {
+        const void *next = std::memchr(above + u, 1, static_cast<size_t>(width_ - u));
         if (next == nullptr) {
             break;
         }
         const auto first = static_cast<int>(static_cast<const uint8_t *>(next) - above);
-        for (u = first; u < width && above[u] != 0;) {
+        for (u = first; u < width_ && above[u] != 0;) {
             ++u;
         }
         while (before.first != before.last && before.first->last < first - 1) {
@@ -102,13 +102,13 @@ int Connected::count_in(int left, int top, int side) const {
     const int right = left + side;
     int count = 0;
     for (int y = top; y < top + side; ++y) {
-        const int v = mirrored(y, height);
-        count += count_in_row(v, left > 0 ? left : 0, right < width ? right : width);
+        const int v = mirrored(y, height_);
+        count += count_in_row(v, left > 0 ? left : 0, right < width_ ? right : width_);
         for (int u = left; u < 0; ++u) {
-            count += count_in_row(v, mirrored(u, width), mirrored(u, width) + 1);
+            count += count_in_row(v, mirrored(u, width_), mirrored(u, width_) + 1);
         }
-        for (int u = width; u < right; ++u) {
-            count += count_in_row(v, mirrored(u, width), mirrored(u, width) + 1);
+        for (int u = width_; u < right; ++u) {
+            count += count_in_row(v, mirrored(u, width_), mirrored(u, width_) + 1);
         }
     }
     return count;

@@ -48,11 +48,13 @@ public:
     /// Bytes that an image takes.
     static size_t bytes(int width, int height);
 
-    const int width, height;
+    int width() const { return width_; }
+    int height() const { return height_; }
 
 private:
     int count_in_row(int v, int left, int right) const;
 
+    int width_, height_;
     Run *run_;
     int *start_;
     int32_t *parent_;

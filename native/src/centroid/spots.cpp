@@ -181,7 +181,8 @@ bool is_isolated(const Spot &spot, const Plane<float> &smooth, const OverImage &
 
 /// Return the share of the pixels about a spot that are above the threshold, without its own.
 double surroundings(const Spot &spot, const Connected &spots) {
-    const int side = (spots.width > spots.height ? spots.width : spots.height) / CALM_SIDES;
+    const int side =
+        (spots.width() > spots.height() ? spots.width() : spots.height()) / CALM_SIDES;
     if (side == 0) {
         return 0.0;
     }

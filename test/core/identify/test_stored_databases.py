@@ -194,8 +194,8 @@ def test_a_search_of_more_than_fits_keeps_what_it_can(own_cache, monkeypatch):
     assert 8 * 8000 < sum(file.stat().st_size for file in cache_folder().iterdir()) < 8.1 * 8000
 
 
-@pytest.mark.parametrize('text, megabytes', [('', 500), ('1000', 1000), ('0', 0), ('much', 500),
-                                             ('-1', 500)])
+@pytest.mark.parametrize('text, megabytes', [('', 800), ('1000', 1000), ('0', 0), ('much', 800),
+                                             ('-1', 800)])
 def test_the_size_of_the_cache_is_that_of_the_environment(monkeypatch, caplog, text, megabytes):
     monkeypatch.setenv(folders.CACHE_VARIABLE, text)
     assert folders.most_cache_bytes() == 1e6 * megabytes
