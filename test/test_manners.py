@@ -483,7 +483,8 @@ def is_running(pid):
 
 
 @pytest.mark.parametrize('at_work', [False, True], ids=['starting', 'working'])
-def test_ctrl_c_ends_a_campaign_and_its_workers(process, at_work):
+@pytest.mark.parametrize('ending', [signal.SIGINT, signal.SIGKILL], ids=['ctrl-c', 'killed'])
+def test_the_workers_of_a_campaign_end_with_it(process, ending, at_work):
     campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL)
     children = Path('/proc', str(campaign.pid), 'task', str(campaign.pid), 'children')
 
@@ -497,13 +498,18 @@ def test_ctrl_c_ends_a_campaign_and_its_workers(process, at_work):
     end_s = time.monotonic() + HANGS_S
     while not (workers() and (not at_work or all(map(busy, workers())))):
         assert campaign.poll() is None and time.monotonic() < end_s
-        time.sleep(0.05)
+        # Soon after the first one: the next one is being started.
+        time.sleep(0.05 if at_work else 0.001)
     pids = workers()
-    # To all of them, as a terminal does.
-    os.killpg(campaign.pid, signal.SIGINT)
-    _, stderr = campaign.communicate(timeout=HANGS_S)
-    assert campaign.returncode == 130
-    assert stderr.strip() == 'startracker: stopped'
+    if ending == signal.SIGINT:
+        # To all of them, as a terminal does.
+        os.killpg(campaign.pid, ending)
+        _, stderr = campaign.communicate(timeout=HANGS_S)
+        assert campaign.returncode == 130
+        assert stderr.strip() == 'startracker: stopped'
+    else:
+        campaign.kill()
+        campaign.communicate(timeout=HANGS_S)
     while any(map(is_running, pids)):
         assert time.monotonic() < end_s
         time.sleep(0.05)

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import signal
-from threading import current_thread, Event, main_thread, Thread
+from threading import current_thread, Event, Lock, main_thread, Thread
 from types import FrameType
 
 INTERRUPTED = 130
@@ -24,7 +24,11 @@ INTERRUPTED = 130
 
 _SHOW_CURSOR = b'\r\x1b[?25h\x1b[K'
 
+_MOST_TO_START_S = 0.2
+"""That a process which is being started has, to be among those that Ctrl-C ends."""
+
 _unfinished: dict[Path, None] = {}
+_starting = Lock()
 
 
 def end_at_once() -> None:
@@ -54,6 +58,8 @@ def _wait(read: int) -> None:
 
 def _stop() -> None:
     """End this process and those that it has started, and delete what it has half written."""
+    # Whoever starts a process ends that, and starts no further one.
+    _starting.acquire(timeout=_MOST_TO_START_S)
     started = _descendants(os.getpid())
     for path in list(_unfinished):
         with suppress(OSError):
@@ -125,8 +131,9 @@ def no_ctrl_c_in_children() -> Iterator[None]:
 
     They inherit what is blocked. A terminal sends it to all of them; this process ends them.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with _starting:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -8,8 +8,10 @@ from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from itertools import islice
 import logging
-from multiprocessing import active_children, get_context, resource_tracker
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
+from multiprocessing.connection import wait
 import os
+from threading import Thread
 from typing import Any
 
 from startracker_ros.core.ctrl_c import no_ctrl_c_in_children
@@ -35,11 +37,13 @@ class Processes(ProcessPoolExecutor):
     """
     New processes, by default one for each core, that end at once with the command or by Ctrl-C.
 
+    They end as well where the command is killed.
+
     They are not forked: libraries read the number of threads when they are imported.
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        super().__init__(workers, mp_context=get_context('spawn'))
+        super().__init__(workers, mp_context=get_context('spawn'), initializer=_end_with_parent)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any
                ) -> Future[Any]:
@@ -54,6 +58,17 @@ class Processes(ProcessPoolExecutor):
             for process in active_children():
                 process.terminate()
         super().__exit__(kind, *error)
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as the one that started it has ended, in whatever way."""
+    parent = parent_process()
+    assert parent is not None
+
+    def end() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+    Thread(target=end, name='parent', daemon=True).start()
 
 
 @contextmanager
