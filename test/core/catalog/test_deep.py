@@ -39,11 +39,32 @@ def test_it_extends_hipparcos_and_nothing_collides(deep):
     order = known[np.argsort(deep.hip[known])]
     again = np.argsort(wide.hip)
     for name in ('hip', 'ra_rad', 'dec_rad', 'pm_ra_mas_yr', 'pm_dec_mas_yr', 'parallax_mas',
-                 'magnitude', 'bp_rp'):
+                 'bp_rp'):
         np.testing.assert_array_equal(getattr(deep, name)[order], getattr(wide, name)[again])
+    fainter_by = deep.magnitude[order] - wide.magnitude[again]
+    assert fainter_by.min() == 0 and 0.02 < np.mean(fainter_by > 0) < 0.04
     # HIP numbers end at 120416; the message of a star has 32 bits for it.
     assert NUMBER_OFFSET > 120416 and deep.hip.max() < 2 ** 31
     assert DEEP_FILE.stat().st_size < 10e6
+
+
+@pytest.mark.parametrize('hip, magnitude', [
+    # Castor A, theta Eridani A, delta Serpentis A; V of SIMBAD.
+    (36850, 1.93), (13847, 3.20), (76276, 4.20)])
+def test_v_of_a_double_is_that_of_one_star(deep, hip, magnitude):
+    assert deep.magnitude[deep.hip == hip] == pytest.approx(magnitude, abs=0.05)
+
+
+def test_a_double_has_the_light_of_its_star_in_hipparcos(deep):
+    wide = load_catalog().brighter_than(8.0)
+    tree = cKDTree(deep.directions(CATALOG_EPOCH_YEAR))
+    near = tree.query_ball_point(wide.directions(CATALOG_EPOCH_YEAR), 10 * ARCSEC)
+    total = np.array([-2.5 * np.log10(np.sum(10 ** (-0.4 * deep.magnitude[rows].astype(float))))
+                      for rows in near])
+    doubles = np.count_nonzero([len(rows) > 1 for rows in near])
+    # The others have two numbers in Hipparcos, or are fast and twice in the deep catalogue.
+    same = np.abs(wide.magnitude - total) < 0.02
+    assert doubles > 1500 and np.count_nonzero(~same) < 20
 
 
 @pytest.mark.slow
