@@ -498,12 +498,14 @@ int32_t stt_connect(int32_t *mask, int32_t width, int32_t height) {
     Arena arena = arena_of_tests();
     Connected spots(width, height, arena);
     const Plane<int32_t> plane{mask, width, height};
-    auto *above = arena.take<uint8_t>(static_cast<size_t>(width));
+    auto *value = arena.take<float>(static_cast<size_t>(width));
+    auto *limit = arena.take<float>(static_cast<size_t>(width));
     for (int v = 0; v < height; ++v) {
         for (int u = 0; u < width; ++u) {
-            above[u] = plane.at(u, v) != 0 ? 1 : 0;
+            value[u] = static_cast<float>(plane.at(u, v));
+            limit[u] = 0.0F;
         }
-        spots.add_row(above);
+        spots.add_row(value, limit);
     }
     const int count = spots.number();
     for (int v = 0; v < height; ++v) {

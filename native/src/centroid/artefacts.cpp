@@ -19,17 +19,8 @@ constexpr double LARGE_SIGMAS = 3.0;  // above the background
 constexpr int MARGIN_PX = 3;          // around something large, where its flux falls below that
 constexpr double MOST_SHARE = 0.6;    // of the image; more is not an artefact in a field of stars
 
-struct Box {
-    int left, right, top, bottom;
-
-    bool is_large() const { return right - left >= LARGE_PX || bottom - top >= LARGE_PX; }
-};
-
-ST_CLONES void set_bright(const uint16_t *__restrict row, const float *__restrict level,
-                          float above, int count, uint8_t *__restrict bright) {
-    for (int u = 0; u < count; ++u) {
-        bright[u] = static_cast<float>(row[u]) > level[u] + above ? 1 : 0;
-    }
+bool is_large(const Box &box) {
+    return box.right - box.left >= LARGE_PX || box.bottom - box.top >= LARGE_PX;
 }
 
 ST_CLONES void join(const uint8_t *__restrict from, int count, uint8_t *__restrict to) {
@@ -42,14 +33,17 @@ ST_CLONES void join(const uint8_t *__restrict from, int count, uint8_t *__restri
 int connect_bright(const Image &image, const Mesh &mesh, double noise_dn, Connected &spots,
                    Arena &arena) {
     const Arena::Scope scope(arena);
-    auto *line = arena.take<float>(static_cast<size_t>(image.width));
-    auto *bright = arena.take<uint8_t>(static_cast<size_t>(image.width));
+    auto *value = arena.take<float>(static_cast<size_t>(image.width));
+    auto *limit = arena.take<float>(static_cast<size_t>(image.width));
+    const auto above = static_cast<float>(LARGE_SIGMAS * noise_dn);
     OverImage level(mesh, mesh.level, image.width, image.height, arena);
     for (int v = 0; v < image.height; ++v) {
-        level.fill(v, line);
-        set_bright(image.row(v), line, static_cast<float>(LARGE_SIGMAS * noise_dn), image.width,
-                   bright);
-        spots.add_row(bright);
+        level.fill(v, limit);
+        for (int u = 0; u < image.width; ++u) {
+            value[u] = static_cast<float>(image.row(v)[u]);
+            limit[u] += above;
+        }
+        spots.add_row(value, limit);
     }
     return spots.number();
 }
@@ -60,22 +54,18 @@ bool mark_large(const Connected &spots, int count, const Plane<uint8_t> &mask, A
     const Arena::Scope scope(arena);
     auto *boxes = arena.take<Box>(static_cast<size_t>(count));
     for (int i = 0; i < count; ++i) {
-        boxes[i] = {spots.width(), 0, spots.height(), 0};
+        boxes[i] = {};
     }
     for (int v = 0; v < spots.height(); ++v) {
         for (const Run &run : spots.row(v)) {
-            Box &box = boxes[run.spot - 1];
-            box.left = run.first < box.left ? run.first : box.left;
-            box.right = run.last > box.right ? run.last : box.right;
-            box.top = v < box.top ? v : box.top;
-            box.bottom = v;
+            boxes[run.spot - 1].add(run, v);
         }
     }
     bool any = false;
     std::memset(mask.value, 0, static_cast<size_t>(mask.size()));
     for (int v = 0; v < spots.height(); ++v) {
         for (const Run &run : spots.row(v)) {
-            if (boxes[run.spot - 1].is_large()) {
+            if (is_large(boxes[run.spot - 1])) {
                 std::memset(mask.row(v) + run.first, 1,
                             static_cast<size_t>(run.last - run.first + 1));
                 any = true;

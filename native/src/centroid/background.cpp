@@ -341,6 +341,20 @@ float OverImage::at(int u, int v) const {
            across(down.second, places_[u]) * down.share;
 }
 
+void subtract_level(const Image &image, const Mesh &mesh, const Plane<float> &plane,
+                    Arena &arena) {
+    const Arena::Scope scope(arena);
+    OverImage level(mesh, mesh.level, image.width, image.height, arena);
+    for (int v = 0; v < image.height; ++v) {
+        const uint16_t *row = image.row(v);
+        float *above = plane.row(v);
+        level.fill(v, above);
+        for (int u = 0; u < image.width; ++u) {
+            above[u] = static_cast<float>(row[u]) - above[u];
+        }
+    }
+}
+
 double pixel_noise(const Image &image, Arena &arena) {
     const Arena::Scope scope(arena);
     const int rows = (image.height + SAMPLE_ROWS - 1) / SAMPLE_ROWS, of_row = image.width - 1;

@@ -115,6 +115,9 @@ private:
     int filled_[2] = {-1, -1};
 };
 
+/// Fill plane with an image less the level of its mesh.
+void subtract_level(const Image &image, const Mesh &mesh, const Plane<float> &plane, Arena &arena);
+
 /// Return the noise of a pixel, 1 sigma in DN, by the steps along its rows. Hits on some pixels
 /// leave it as it is, while the filter gives each the size of a star.
 double pixel_noise(const Image &image, Arena &arena);

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "centroid/smoothing.h"
+#include "maths/clones.h"
 
 namespace st {
 namespace {
@@ -41,6 +42,13 @@ size_t most_runs(int width, int height) {
     return static_cast<size_t>((width + 1) / 2) * static_cast<size_t>(height);
 }
 
+ST_CLONES void mark_above(const float *__restrict value, const float *__restrict limit, int count,
+                          uint8_t *__restrict above) {
+    for (int u = 0; u < count; ++u) {
+        above[u] = value[u] > limit[u] ? 1 : 0;
+    }
+}
+
 }  // namespace
 
 Connected::Connected(int width, int height, Arena &arena)
@@ -48,6 +56,7 @@ Connected::Connected(int width, int height, Arena &arena)
       height_(height),
       run_(arena.take<Run>(most_runs(width, height))),
       start_(arena.take<int>(static_cast<size_t>(height) + 1)),
+      above_(arena.take<uint8_t>(static_cast<size_t>(width))),
       parent_(arena.take<int32_t>(most_sets(width, height))) {
     start_[0] = 0;
 }
@@ -55,19 +64,21 @@ Connected::Connected(int width, int height, Arena &arena)
 size_t Connected::bytes(int width, int height) {
     return Arena::padded<Run>(most_runs(width, height)) +
            Arena::padded<int>(static_cast<size_t>(height) + 1) +
+           Arena::padded<uint8_t>(static_cast<size_t>(width)) +
            Arena::padded<int32_t>(most_sets(width, height));
 }
 
-void Connected::add_row(const uint8_t *above) {
+void Connected::add_row(const float *value, const float *limit) {
+    mark_above(value, limit, width_, above_);
     Row before = rows_ > 0 ? row(rows_ - 1) : Row{run_, run_};
     Run *end = run_ + start_[rows_];
     for (int u = 0; u < width_;) {
-        const void *next = std::memchr(above + u, 1, static_cast<size_t>(width_ - u));
+        const void *next = std::memchr(above_ + u, 1, static_cast<size_t>(width_ - u));
         if (next == nullptr) {
             break;
         }
-        const auto first = static_cast<int>(static_cast<const uint8_t *>(next) - above);
-        for (u = first; u < width_ && above[u] != 0;) {
+        const auto first = static_cast<int>(static_cast<const uint8_t *>(next) - above_);
+        for (u = first; u < width_ && above_[u] != 0;) {
             ++u;
         }
         while (before.first != before.last && before.first->last < first - 1) {

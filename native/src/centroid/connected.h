@@ -15,6 +15,20 @@ struct Run {
     uint16_t first, last;
 };
 
+/// The least box about a spot, and its pixels.
+struct Box {
+    int left, right, top, bottom, pixels;
+
+    /// Add a run of row v; rows follow each other.
+    void add(const Run &run, int v) {
+        left = pixels == 0 || run.first < left ? run.first : left;
+        right = pixels == 0 || run.last > right ? run.last : right;
+        top = pixels == 0 ? v : top;
+        bottom = v;
+        pixels += run.last - run.first + 1;
+    }
+};
+
 /// The connected spots of an image, whose pixels are given row by row.
 ///
 /// Most of an image is sky: what follows looks at the runs of a spot along its rows alone. Union of
@@ -31,8 +45,8 @@ public:
     /// An image of this size without any spots.
     Connected(int width, int height, Arena &arena);
 
-    /// Add the next row: its pixels of spots are 1, all others 0.
-    void add_row(const uint8_t *above);
+    /// Add the next row: its pixels above their limits are of spots.
+    void add_row(const float *value, const float *limit);
 
     /// Number the spots from 1 on, in the order of their first pixels, after the last row; return
     /// how many there are.
@@ -57,6 +71,7 @@ private:
     int width_, height_;
     Run *run_;
     int *start_;
+    uint8_t *above_;
     int32_t *parent_;
     int rows_ = 0;
     int32_t numbers_ = 0;

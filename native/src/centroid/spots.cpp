@@ -9,7 +9,6 @@
 #include "centroid/blur.h"
 #include "centroid/connected.h"
 #include "centroid/smoothing.h"
-#include "maths/clones.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -38,11 +37,11 @@ constexpr int PX_PER_SPOT = 16;     // at least: a filtered pixel makes no small
 /// What the pixels of a spot add up to.
 struct Spot {
     double flux, flux_u, flux_v, peak, second, variance;
-    int left, right, top, bottom, pixels;
+    Box box;
 
     Place centre() const { return {flux_u / flux, flux_v / flux}; }
     int side() const {
-        const int across = right - left + 1, down = bottom - top + 1;
+        const int across = box.right - box.left + 1, down = box.bottom - box.top + 1;
         return across > down ? across : down;
     }
 };
@@ -83,33 +82,18 @@ void set_threshold(const Mesh &mesh, double *tiles) {
     }
 }
 
-ST_CLONES void mark_above(const float *__restrict value, const float *__restrict limit, int count,
-                          uint8_t *__restrict above) {
-    for (int u = 0; u < count; ++u) {
-        above[u] = value[u] > limit[u] ? 1 : 0;
-    }
-}
-
 /// Fill smooth with the filtered image less its level, and add the pixels above the threshold to
 /// spots.
 void filter(const Image &image, const Mesh &mesh, const double *threshold,
             const Plane<float> &smooth, Connected &spots, Arena &arena) {
     const Arena::Scope scope(arena);
     auto *line = arena.take<float>(static_cast<size_t>(image.width));
-    auto *above = arena.take<uint8_t>(static_cast<size_t>(image.width));
-    OverImage level(mesh, mesh.level, image.width, image.height, arena);
-    for (int v = 0; v < image.height; ++v) {
-        level.fill(v, line);
-        for (int u = 0; u < image.width; ++u) {
-            smooth.at(u, v) = static_cast<float>(image.row(v)[u]) - line[u];
-        }
-    }
+    subtract_level(image, mesh, smooth, arena);
     blur(smooth, FILTER_SIGMA_PX, arena);
     OverImage limit(mesh, threshold, image.width, image.height, arena);
     for (int v = 0; v < image.height; ++v) {
         limit.fill(v, line);
-        mark_above(smooth.row(v), line, image.width, above);
-        spots.add_row(above);
+        spots.add_row(smooth.row(v), line);
     }
 }
 
@@ -118,12 +102,14 @@ void measure(const Plane<float> &smooth, const Connected &spots, const Mesh &mes
              const double *threshold, Spot *measured, int count, Arena &arena) {
     const Arena::Scope scope(arena);
     for (int i = 0; i < count; ++i) {
-        measured[i] = {0, 0, 0, 0, 0, 0, smooth.width, 0, smooth.height, 0, 0};
+        measured[i] = {};
     }
     auto *line = arena.take<float>(static_cast<size_t>(smooth.width));
     OverImage limit(mesh, threshold, smooth.width, smooth.height, arena);
     for (int v = 0; v < smooth.height; ++v) {
-        limit.fill(v, line);
+        if (spots.row(v).begin() != spots.row(v).end()) {
+            limit.fill(v, line);
+        }
         for (const Run &run : spots.row(v)) {
             if (run.spot > count) {
                 continue;
@@ -138,11 +124,7 @@ void measure(const Plane<float> &smooth, const Connected &spots, const Mesh &mes
                 one.peak = larger(one.peak, flux);
                 one.variance += static_cast<double>(noise * noise);
             }
-            one.left = run.first < one.left ? run.first : one.left;
-            one.right = run.last > one.right ? run.last : one.right;
-            one.top = v < one.top ? v : one.top;
-            one.bottom = v;
-            one.pixels += run.last - run.first + 1;
+            one.box.add(run, v);
         }
     }
     for (int v = 0; v < smooth.height; ++v) {
@@ -189,7 +171,7 @@ double surroundings(const Spot &spot, const Connected &spots) {
     const Place centre = spot.centre();
     const int left = static_cast<int>(std::nearbyint(centre.u)) - side / 2;
     const int top = static_cast<int>(std::nearbyint(centre.v)) - side / 2;
-    return static_cast<double>(spots.count_in(left, top, side) - spot.pixels) / (side * side);
+    return static_cast<double>(spots.count_in(left, top, side) - spot.box.pixels) / (side * side);
 }
 
 /// Keep the calm ones of candidates; return their number.

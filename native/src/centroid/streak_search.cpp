@@ -10,7 +10,6 @@
 #include "centroid/misfit.h"
 #include "centroid/streak_filter.h"
 #include "centroid/streak_fit.h"
-#include "maths/clones.h"
 #include "maths/sorting.h"
 
 namespace st {
@@ -46,7 +45,7 @@ struct Spots {
 /// Sums over the pixels of a spot, of the weight times 1, u, v, u^2, u v, v^2; and their box.
 struct Sums {
     double m[6];
-    int left, top, right, bottom, area;
+    Box box;
 };
 
 /// Reverse the streaks against the direction of most; at(i) is a streak.
@@ -77,24 +76,10 @@ Spot spot_of(const Sums &sums) {
     return {{u, v}, {length * std::cos(angle), length * std::sin(angle)}, m[0]};
 }
 
-/// Fill plane with the image less its background.
-void above_background(const Frame &frame, const Plane<float> &plane, Arena &arena) {
-    const Arena::Scope scope(arena);
-    OverImage level(frame.mesh, frame.mesh.level, plane.width, plane.height, arena);
-    for (int v = 0; v < plane.height; ++v) {
-        const uint16_t *row = frame.image.row(v);
-        float *above = plane.row(v);
-        level.fill(v, above);
-        for (int u = 0; u < plane.width; ++u) {
-            above[u] = static_cast<float>(row[u]) - above[u];
-        }
-    }
-}
-
 Sums *spot_sums(const Plane<float> &smooth, const Connected &spots, int count, Arena &arena) {
     auto *sums = arena.take<Sums>(static_cast<size_t>(count));
     for (int k = 0; k < count; ++k) {
-        sums[k] = {{}, smooth.width, smooth.height, 0, 0, 0};
+        sums[k] = {};
     }
     for (int v = 0; v < smooth.height; ++v) {
         for (const Run &run : spots.row(v)) {
@@ -106,21 +91,10 @@ Sums *spot_sums(const Plane<float> &smooth, const Connected &spots, int count, A
                     of.m[k] += weight * power[k];
                 }
             }
-            of.left = run.first < of.left ? run.first : of.left;
-            of.top = v < of.top ? v : of.top;
-            of.right = run.last > of.right ? run.last : of.right;
-            of.bottom = v;
-            of.area += run.last - run.first + 1;
+            of.box.add(run, v);
         }
     }
     return sums;
-}
-
-ST_CLONES void mark_above(const float *__restrict value, float limit, int count,
-                          uint8_t *__restrict above) {
-    for (int u = 0; u < count; ++u) {
-        above[u] = value[u] > limit ? 1 : 0;
-    }
 }
 
 /// Return the brightest spots of the thresholded image that do not touch its border.
@@ -130,15 +104,16 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
     const auto size = static_cast<size_t>(width) * static_cast<size_t>(height);
     const Plane<float> smooth{arena.take<float>(size), width, height};
     Connected connected(width, height, arena);
-    auto *above = arena.take<uint8_t>(static_cast<size_t>(width));
+    auto *limit = arena.take<float>(static_cast<size_t>(width));
     Spots spots;
-    above_background(frame, smooth, arena);
+    subtract_level(frame.image, frame.mesh, smooth, arena);
     blur(smooth, SMOOTHING_PX, arena);
     const double noise = frame.noise_dn() / (2 * std::sqrt(M_PI) * SMOOTHING_PX);
-    const auto threshold = static_cast<float>(SPOT_SIGMAS * noise);
+    for (int u = 0; u < width; ++u) {
+        limit[u] = static_cast<float>(SPOT_SIGMAS * noise);
+    }
     for (int v = 0; v < height; ++v) {
-        mark_above(smooth.row(v), threshold, width, above);
-        connected.add_row(above);
+        connected.add_row(smooth.row(v), limit);
     }
     const int count = connected.number();
     if (count > MOST_NUMBERS) {
@@ -148,9 +123,9 @@ Spots bright_spots(const Frame &frame, Arena &arena) {
     int *order = arena.take<int>(static_cast<size_t>(count));
     int *work = arena.take<int>(static_cast<size_t>(count)), inside = 0;
     for (int k = 0; k < count; ++k) {
-        const Sums &one = sums[k];
-        if (one.left > 0 && one.top > 0 && one.right < width - 1 && one.bottom < height - 1 &&
-            one.area >= LEAST_SPOT_PX) {
+        const Box &box = sums[k].box;
+        if (box.left > 0 && box.top > 0 && box.right < width - 1 && box.bottom < height - 1 &&
+            box.pixels >= LEAST_SPOT_PX) {
             order[inside++] = k;
         }
     }
@@ -324,7 +299,7 @@ int search_streaks(const Frame &frame, const Streak &streak, double sigma_px,
     if (peaks == nullptr) {
         return 0;
     }
-    above_background(frame, flux, arena);
+    subtract_level(frame.image, frame.mesh, flux, arena);
     const double noise = filter_streaks(flux, streak, sigma_px, threshold_sigmas, arena);
     const int count = find_peaks(flux, static_cast<float>(threshold_sigmas * noise), peaks);
     return keep_alone(peaks, count, streak, sigma_px, places, arena);
@@ -334,7 +309,7 @@ size_t streak_search_bytes(int width, int height) {
     const auto w = static_cast<size_t>(width), h = static_cast<size_t>(height);
     // Of the background, of the blur and of the spots; they follow each other.
     const size_t image = Arena::padded<float>(w * h);
-    const size_t connected = Connected::bytes(width, height) + Arena::padded<uint8_t>(w);
+    const size_t connected = Connected::bytes(width, height) + Arena::padded<float>(w);
     const size_t spots = image + connected + Arena::padded<Sums>(MOST_NUMBERS) +
                          2 * Arena::padded<int>(MOST_NUMBERS);
     const size_t blurred = 2 * image + connected + 34 * Arena::padded<float>(w + 64);
