@@ -19,7 +19,7 @@ CACHE_VARIABLE = 'STARTRACKER_CACHE_MB'
 """Environment variable with the size of the cache folder."""
 
 CACHE_MB = 800.0
-"""Its default. A search of all fields of view has 350 MB of databases, a camera up to 170 MB."""
+"""Its default. A search of all fields has 350 MB of databases, one of a known field 150 more."""
 
 
 def cache_folder() -> Path:
