@@ -20,9 +20,10 @@ int32_t stt_quad_code(const double *direction, const int32_t *four, double *code
     return is_code ? 1 : 0;
 }
 
-double stt_few_star_probability(int32_t n, int32_t m, int32_t k, int32_t stars, double square,
-                                double order, double width, double height, double scale_error) {
-    return few_star_probability({n, m, k, stars, square, order, width, height}, scale_error);
+double stt_few_star_probability(int32_t n, int32_t m, int32_t j, int32_t k, int32_t stars,
+                                double square, double order, double width, double height,
+                                double scale_error) {
+    return few_star_probability({n, m, j, k, stars, square, order, width, height}, scale_error);
 }
 
 void stt_linearised(const st_camera *camera, const double *quaternion, const double *change,

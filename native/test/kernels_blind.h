@@ -14,7 +14,7 @@ extern "C" {
 
 /* The code (4) of stars A to D in the order that they have; 0 where they have none. */
 ST_API int32_t stt_quad_code(const double *direction, const int32_t *four, double *code);
-ST_API double stt_few_star_probability(int32_t n, int32_t m, int32_t k, int32_t stars,
+ST_API double stt_few_star_probability(int32_t n, int32_t m, int32_t j, int32_t k, int32_t stars,
                                        double square, double order, double width, double height,
                                        double scale_error);
 /* The pixel (2) of a direction and its derivatives (2, 11), of a lens with its parameters changed. */

@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
+from scipy.spatial import cKDTree
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 
@@ -34,21 +35,22 @@ class Detections:
     half its resolution, which has no colour mosaic and less noise, in calm surroundings and spread
     over the image; a fitted point of any width or streak. Each is made when it is first needed;
     lists without stars are left out. extraction is that of the last list, once it is made, else of
-    the first.
+    the first. Spots at the places fixed (F, 2) px are left out.
     """
 
-    def __init__(self, image: np.ndarray) -> None:
+    def __init__(self, image: np.ndarray, fixed: np.ndarray | None = None) -> None:
         self._image = image
+        self._fixed = None if fixed is None or not len(fixed) else cKDTree(fixed)
         self._extractor = CentroidExtractor()
         self._points = self._extractor.measure(image, points_only=True)
         self.extraction = self._points
-        self._lists = [self.extraction.centroids]
+        self._lists = [self._moving(self.extraction.centroids)]
 
     def __iter__(self) -> Iterator[Centroids]:
         """Yield the lists that have stars."""
         for index in range(LISTS):
             if index == len(self._lists):
-                self._lists.append(self._spots_of(index))
+                self._lists.append(self._moving(self._spots_of(index)))
             if len(self._lists[index]):
                 yield self._lists[index]
 
@@ -62,7 +64,13 @@ class Detections:
         """
         if self._points.status in _NO_SKY:
             return Centroids.empty()
-        return self._extractor.find_highest_peaks(self._image)
+        return self._moving(self._extractor.find_highest_peaks(self._image))
+
+    def _moving(self, spots: Centroids) -> Centroids:
+        """Return the spots that are not at fixed places."""
+        if self._fixed is None or not len(spots):
+            return spots
+        return spots.select(self._fixed.query(spots.uv)[0] > _SAME_PX)
 
     def _spots_of(self, index: int) -> Centroids:
         image = self._image
@@ -79,14 +87,18 @@ class Detections:
         return _spots_at_half_resolution(image)
 
 
-def few_star_lists(lists: Iterable[Centroids]) -> Iterator[Centroids]:
-    """Yield the lists that are searched for few stars: of an image fitted points and peaks."""
-    if not isinstance(lists, Detections):
-        yield from islice(lists, FEW_LISTS)
-        return
-    yield from islice(lists, 1)
-    if len(lists.peaks):
+def points_and_peaks(lists: Iterable[Centroids]) -> Iterator[Centroids]:
+    """Yield two lists of an image, the fastest first; of others their first two."""
+    yield from islice(lists, 1 if isinstance(lists, Detections) else FEW_LISTS)
+    if isinstance(lists, Detections) and len(lists.peaks):
         yield lists.peaks
+
+
+def few_star_lists(lists: Iterable[Centroids]) -> Iterator[Centroids]:
+    """Yield the lists that are searched for few stars: of an image its peaks and its spots."""
+    if isinstance(lists, Detections) and len(lists.peaks):
+        yield lists.peaks
+    yield from islice(lists, 1 if isinstance(lists, Detections) else 0, FEW_LISTS)
 
 
 def _fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

@@ -117,7 +117,7 @@ class LadderIdentifier:
         self._steps: dict[Step, PyramidIdentifier] = {}
         self._triangles: SkyTriangles | None = None
         ratio = chip_ratio(camera.width, camera.height)
-        self._few_max = options.false_alarm_max / 2 / FEW_LISTS
+        self._chance = options.false_alarm_max
         fov_deg = np.degrees(max(camera.fov_x_rad, camera.fov_y_rad))
         self._seeks_few = not camera.model.equidistant and _FEW_DEG[0] <= fov_deg <= _FEW_DEG[1]
         self._order = STEPS if ratio is None else (
@@ -147,11 +147,25 @@ class LadderIdentifier:
                         waiting.append((step, centroids))
             if not number:
                 for centroids in few_star_lists(lists) if self._seeks_few else ():
-                    attempt, spent_s = self._few(centroids)
+                    attempt, spent_s = self._few(centroids, self._database, 0.5)
                     left_s -= spent_s
                     yield attempt
                 waiting += product(self._order, islice(lists, 2, None))
             searches = waiting
+
+    def identify_few(self, lists: Iterable[Centroids], camera: Camera, error: float,
+                     share: float) -> Iterator[Attempt]:
+        """
+        Yield the results of the search for few stars by a lens that is known to error.
+
+        share is that of false_alarm_max.
+        """
+        if not self._seeks_few or camera.model.equidistant:
+            return
+        identifier = self._database.with_camera(
+            camera, replace(self._options, fov_error_percent=100 * error))
+        for centroids in few_star_lists(lists):
+            yield self._few(centroids, identifier, share)[0]
 
     def identify_mirrored(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """Yield the results of a quick search in lists that are flipped from left to right."""
@@ -160,15 +174,15 @@ class LadderIdentifier:
             if attempt is not None:
                 yield attempt
 
-    def _few(self, centroids: Centroids) -> tuple[Attempt, float]:
+    def _few(self, centroids: Centroids, identifier: PyramidIdentifier, share: float
+             ) -> tuple[Attempt, float]:
         """Return the result of the search for few stars, and its work in s."""
-        database = self._database
         if self._triangles is None:
-            self._triangles = sky_triangles(database.onboard, image_area(self.camera))
+            self._triangles = sky_triangles(self._database.onboard, image_area(self.camera))
         prepare(self._triangles.stored)
-        found, spent_s = few_stars(database, self._triangles.table, centroids, _FEW_FLOOR_PX,
-                                   self._few_max, _FEW_S)
-        return self._attempt(found, database, centroids), spent_s
+        found, spent_s = few_stars(identifier, self._triangles.table, centroids, _FEW_FLOOR_PX,
+                                   share * self._chance / FEW_LISTS, _FEW_S)
+        return self._attempt(found, identifier, centroids), spent_s
 
     def _search(self, step: Step, centroids: Centroids, work_s: float
                 ) -> tuple[Attempt | None, float]:

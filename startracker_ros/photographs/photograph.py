@@ -22,7 +22,7 @@ from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.photographs import blind
 from startracker_ros.photographs.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
-from startracker_ros.photographs.detections import Detections
+from startracker_ros.photographs.detections import Detections, FEW_LISTS
 from startracker_ros.photographs.estimated_lens import estimate_lens, EstimatedLens
 from startracker_ros.photographs.ladder import Attempt, ATTEMPTS, LadderIdentifier
 from startracker_ros.photographs.same_camera import Known, SameCamera
@@ -34,12 +34,13 @@ from startracker_ros.photographs.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 
 # Of the nominal camera and of any field; unknown lenses are certain. With a catalogue of the user
-# as well, near a position and anywhere. Quads of a lens, of another image or of the field that is
-# given, may be wrong half as often.
-_SEARCHES, _TILED_SEARCHES, _OF_KNOWN = 2, 4, 0.5
+# as well, near a position and anywhere. Quads of the field that is given may be wrong half as often,
+# and so may the lens of another image: by quads and by few stars, both of which are tried twice.
+_SEARCHES, _TILED_SEARCHES, _OF_GIVEN, _OF_ANOTHER = 2, 4, 0.5, 0.125
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
 _CENTRED_DEG, _WIDEST_DEG, _WIDEST_GIVEN_DEG = 28.0, 45.0, 90.0
+_SAME_FOCUS = 0.002  # of the focal length, where nobody has touched the lens
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -76,17 +77,18 @@ class PhotographSolver:
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
                  catalogue: TiledCatalogue | None = None) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        self._count = 2 * _OF_KNOWN + _SEARCHES + (0 if catalogue is None else _TILED_SEARCHES)
+        self._count = _SEARCHES + _OF_GIVEN + 4 * _OF_ANOTHER + (0 if catalogue is None else _TILED_SEARCHES)
         options = replace(options, false_alarm_max=options.false_alarm_max / self._count)
         self._fov_error = options.fov_error_percent / 100
         self._tiled = None if catalogue is None else TiledIdentifier(
             catalogue, epoch_year, options)
         self._blind = BlindIdentifier(epoch_year, options)
         self._unknown = UnknownLensIdentifier(epoch_year, self._blind.wide_quads)
-        self._same = SameCamera(self._blind, self._unknown, replace(
-            options, false_alarm_max=_OF_KNOWN * options.false_alarm_max))
-        # Not of a method of this object: the cycle would keep the databases.
-        self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
+        self._given, self._another = (SameCamera(self._blind, self._unknown, replace(
+            options, false_alarm_max=share * options.false_alarm_max))
+            for share in (_OF_GIVEN, _OF_ANOTHER))
+        self._ladder = lru_cache(maxsize=4)(partial(
+            LadderIdentifier, epoch_year=epoch_year, options=options))
 
     def solve(self, image: np.ndarray, nominal: Camera | None = None,
               observer: Observer = AT_REST, bodies: Bodies = Bodies(),
@@ -98,9 +100,9 @@ class PhotographSolver:
         not stars; place is where the image is, for the catalogue of the user; known is what
         another image of the camera has shown.
         """
-        detections = Detections(image)
+        detections = Detections(image, None if known is None else known.fixed)
         if known is not None:
-            solution = self._of_known(detections, known, observer, bodies)
+            solution = self._of_known(detections, known, nominal, observer, bodies)
             if solution is not None:
                 return replace(solution, lens_from=known.source)
             if known.certain:
@@ -140,7 +142,7 @@ class PhotographSolver:
             coarse = _coarse(nominal)
             # Quads of its scale are fast; the ladder has lenses of other shapes.
             searches[:0] = narrow if coarse else [
-                *narrow, self._quads_of(nominal), self._known(nominal)]
+                *narrow, self._quads_of(nominal), self._lenses_about(nominal)]
             lacks = [*dict.fromkeys(more_lacks + lacks), *([coarse] if coarse else [])]
         first = searches[0]
         rejected = ''
@@ -177,8 +179,14 @@ class PhotographSolver:
         """Return the search of a nominal camera as of a known lens."""
         known = Known(nominal, np.empty((0, 4)), '', error=self._fov_error)
         return _Search(
-            nominal, partial(self._same.identify, known=known), lambda _: iter(()),
-            self._fov_error, 1 / _OF_KNOWN, _about(nominal), any_field=False)
+            nominal, partial(self._given.identify, known=known), lambda _: iter(()),
+            self._fov_error, 1 / _OF_GIVEN, _about(nominal), any_field=False)
+
+    def _lenses_about(self, nominal: Camera) -> _Search:
+        """Return the search of a nominal camera by lenses of many shapes."""
+        ladder = self._ladder(nominal)
+        return _Search(nominal, ladder.identify, ladder.identify_mirrored, self._fov_error,
+                       ATTEMPTS, _about(nominal), any_field=False)
 
     def _of_peaks(self, detections: Detections, nominal: Camera | None, observer: Observer,
                   bodies: Bodies) -> Solution | None:
@@ -189,18 +197,23 @@ class PhotographSolver:
         """
         if nominal is None or _coarse(nominal):
             return None
-        search = self._known(nominal)
+        search = self._lenses_about(nominal)
         solved, _ = first_lens(search.identify(detections), search.fov_error)
         return None if solved is None else self._solution(
             solved, search.fov_error, search.attempts, observer, bodies)[0]
 
-    def _of_known(self, lists: Iterable[Centroids], known: Known, observer: Observer,
-                  bodies: Bodies) -> Solution | None:
+    def _of_known(self, lists: Iterable[Centroids], known: Known, nominal: Camera | None,
+                  observer: Observer, bodies: Bodies) -> Solution | None:
         """Return what an image shows by the lens of another one, None for nothing."""
-        solved, _ = first_lens(self._same.identify(lists, known), known.error)
+        solved, _ = first_lens(self._another.identify(lists, known), known.error)
+        attempts = 1 / _OF_ANOTHER
+        if solved is None and nominal is not None and not _coarse(nominal):
+            solved, _ = first_lens(self._ladder(nominal).identify_few(
+                lists, known.camera, _SAME_FOCUS, _OF_ANOTHER), known.error)
+            attempts = FEW_LISTS / _OF_ANOTHER
         if solved is None:
             return None
-        return self._solution(solved, known.error, 1 / _OF_KNOWN, observer, bodies)[0]
+        return self._solution(solved, known.error, attempts, observer, bodies)[0]
 
     def _solution(self, solved: tuple[Attempt, EstimatedLens], fov_error: float, attempts: float,
                   observer: Observer, bodies: Bodies) -> tuple[Solution | None, str]:
@@ -297,14 +310,6 @@ def _unknown_lens(identifier: UnknownLensIdentifier, shape: tuple[int, int], len
         partial(identifier.identify, shape=shape, lenses=lenses),
         partial(identifier.identify_mirrored, shape=shape, lenses=lenses),
         blind.LENS_ERROR, 1, fields, enough_deg)
-
-
-def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:
-    """Return the search of all images of a nominal camera."""
-    ladder = LadderIdentifier(camera, epoch_year, options)
-    return _Search(camera, ladder.identify, ladder.identify_mirrored,
-                   options.fov_error_percent / 100, ATTEMPTS,
-                   _about(camera), any_field=False)
 
 
 def _about(nominal: Camera) -> str:

@@ -30,7 +30,7 @@ from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.photographs.blind import (
     accepted, BATCHES, BlindIdentifier, Candidates, Field, MOST_CANDIDATES, share_of_sky,
     StarsSeen, TOLERANCE, verified)
-from startracker_ros.photographs.detections import few_star_lists
+from startracker_ros.photographs.detections import points_and_peaks
 from startracker_ros.photographs.ladder import Attempt
 from startracker_ros.photographs.sky_quads import depths, image_quads, matching_neighbours
 from startracker_ros.photographs.unknown_lens import share_of_fisheye, UnknownLensIdentifier
@@ -53,6 +53,7 @@ class Known(NamedTuple):
     A lens, attitudes (A, 4) q_icrf_from_sensor that are expected, and the image it is of.
 
     certain is whether no other lens is to be searched, error that of its focal length, as a share.
+    fixed (F, 2) px are places of spots that do not move with the stars.
     """
 
     camera: Camera
@@ -60,6 +61,7 @@ class Known(NamedTuple):
     source: str
     certain: bool = False
     error: float = LENS_ERROR
+    fixed: np.ndarray | None = None
 
     @property
     def fov_deg(self) -> float | None:
@@ -93,7 +95,7 @@ class SameCamera:
             self._error = known.error
         seen, tested = StarsSeen(self._options), 0
         # A list is made when it is first used.
-        for centroids in few_star_lists(lists):
+        for centroids in points_and_peaks(lists):
             for attitude in matrix_from_quaternion(known.expected):
                 _, direction, _ = seen.by(camera, centroids)
                 for base, star, count in _near(self._field, direction[:_SPOTS], attitude):
@@ -101,7 +103,7 @@ class SameCamera:
                     for one, four in zip(base, star):
                         yield from self._seen(accepted, Candidates(
                             centroids, one, self._field.onboard.hip[four]), seen, tested)
-        for centroids in few_star_lists(lists):
+        for centroids in points_and_peaks(lists):
             for first, last in pairwise(_ELSEWHERE if known.source else BATCHES):
                 candidates = self._candidates(self._field, centroids, seen, first, last)
                 tested += len(candidates.base)

@@ -213,8 +213,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     row. dark_file is a dark frame or a list of bad pixels (dark.py) of all images. CameraError for
     an impossible camera, CatalogueError for a folder without a catalogue, ImageError for a
     dark_file that cannot be read, OutputError for an impossible folder of outputs; an unreadable
-    image is a row of its own, and so is one that fails otherwise. Those before the first solved
-    image of a camera are tried again with its lens.
+    image is a row of its own, and so is one that fails otherwise. Those among the first images
+    of a camera are tried again with what later ones show.
     """
     outputs.check()
     dark = None if dark_file is None else read_dark(dark_file)
@@ -227,7 +227,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         shots(paths, output_names(paths), selection), 'solve',
         None if any(map(is_video, paths)) else len(paths), name=lambda shot: shot.label)]
     for number, one in enumerate(done):
-        if one.before_first and call.sequence.knows(one.before_first):
+        if one.early and call.sequence.knows(one.early):
             for shot in shots([one.shot.path], [one.shot.output], selection):
                 again = call.solve(shot, certain=True)
                 done[number] = again if again.row['solved'] else one
@@ -255,7 +255,7 @@ class _Done(NamedTuple):
     """
     A shot without its pixels, its row, time, observer, and what is said of it below the table.
 
-    before_first is the camera of an image that is not solved and of which no lens was known.
+    early is the camera of an image that is not solved and of which later ones may tell more.
     """
 
     shot: Shot
@@ -263,7 +263,7 @@ class _Done(NamedTuple):
     when: Epoch | None = None
     observer: Observer | None = None
     notes: dict[str, str] = {}
-    before_first: CameraKey | None = None
+    early: CameraKey | None = None
 
 
 _NOTES = 'fov_deg', 'mirrored', 'first row at the top', 'uncatalogued'
@@ -295,8 +295,8 @@ class _Call:
             photograph = photograph.mirror() if self.mirror else photograph
             when = epoch_of(self.epoch_year, photograph.taken)
             observer = self.observer_site.observer(when)
-            first = (shot.frame is None and self.solvers.fits_lens
-                     and self.sequence.known(photograph, when) is None)
+            early = (shot.frame is None and self.solvers.fits_lens
+                     and self.sequence.learns(photograph))
             solution, solve_ms = self.solvers.solve(
                 shot.path, photograph, when, observer, self.observer_site.bodies(when),
                 self.near_deg, self.sequence, certain)
@@ -311,7 +311,7 @@ class _Call:
                     written.append(str(file))
         return done._replace(
             when=when, observer=observer, notes=_notes(shot.label, solution),
-            before_first=camera_key(photograph) if first and not solution.solved else None)
+            early=camera_key(photograph) if early and not solution.solved else None)
 
 
 def _notes(label: str, solution: Solution) -> dict[str, str]:

@@ -4,7 +4,8 @@
 """
 The native blind search against a record of the functions in Python that it has replaced.
 
-blind.npz has their inputs and outputs: of skies that are drawn here, and of real photographs.
+blind.npz has their inputs and outputs: of skies that are drawn here, and of real photographs. Those
+of the search for few stars are its own, since its probability counts which spots are brightest.
 """
 
 import ctypes

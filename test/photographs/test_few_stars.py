@@ -97,10 +97,16 @@ def test_the_probability_is_the_number_of_chance_fields():
     """Of five of five spots it is known in simple numbers: k = m = S = 5, a square of 1 rad."""
     x, e = 1e-3, 0.05
     expected = (120 * 4 * np.pi * 4 * np.pi * e * 20 / 6 * (np.pi * x) ** 3 / 6)
-    choices = 1 * (1 + np.log(120)) * 2
+    choices = 2 * 1 * (1 + np.log(120)) * 4
     probability = kernels().stt_few_star_probability
-    assert probability(5, 5, 5, 5, x, 1.0, 1.0, 1.0, e) == pytest.approx(expected * choices)
-    assert probability(50, 4, 4, 20, 1e-9, 1.0, 1.0, 1.0, e) == 1.0
+    assert probability(5, 5, 5, 5, 5, x, 1.0, 1.0, 1.0, e) == pytest.approx(expected * choices)
+    # The faintest of them is the sixth of ten: it may be any from the fifth on.
+    assert probability(10, 5, 6, 5, 5, x, 1.0, 1.0, 1.0, e) == pytest.approx(
+        6 * expected * choices * sum(5 / i for i in range(5, 11)))
+    # Or any five of ten are stars.
+    assert probability(10, 5, 10, 5, 5, x, 1.0, 1.0, 1.0, e) == pytest.approx(
+        252 * expected * choices)
+    assert probability(50, 3, 3, 3, 20, 1e-9, 1.0, 1.0, 1.0, e) == 1.0
 
 
 @pytest.mark.slow

@@ -18,10 +18,13 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix,
     quaternion_from_pointing, random_attitude, rotate, turned)
+from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import Photograph, read_image
 from startracker_ros.photographs.blind import BlindIdentifier
+from startracker_ros.photographs.detections import Detections
 from startracker_ros.photographs.epoch_and_site import Epoch
+from startracker_ros.photographs.ladder import LadderIdentifier
 from startracker_ros.photographs.photograph import PhotographSolver
 from startracker_ros.photographs.same_camera import Known, SameCamera
 from startracker_ros.photographs.sequence import ImageSequence
@@ -107,6 +110,52 @@ def test_lists_without_a_sky_are_not_accepted_by_a_known_lens(camera):
                         default=1.0))
     assert min(best) > 1e-4
     assert np.count_nonzero(np.array(best) < 0.01) <= 3
+
+
+def test_four_stars_are_identified_by_a_known_focal_length():
+    """They are the brightest of 24 spots, but for one."""
+    rng, found = np.random.default_rng(5), 0
+    ladder = LadderIdentifier(Camera.from_fov(NARROW.width, NARROW.height, 6.0), YEAR, replace(
+        OPTIONS, fov_error_percent=5.0))
+    for _ in range(12):
+        truth = random_attitude(rng)
+        stars = few_stars(rng, NARROW, truth, 4, 0)
+        false = rng.uniform([0, 0], [NARROW.width - 1, NARROW.height - 1], (20, 2))
+        flux = np.append(2 * stars.flux.max(), stars.flux.min() * rng.uniform(0.2, 0.8, 19))
+        centroids = spots(np.concatenate([stars.uv, false]), np.concatenate([stars.flux, flux]))
+        attempt = next(ladder.identify_few([centroids], NARROW, 0.002, 0.125))
+        attitude = attempt.identification.attitude
+        if attitude is not None:
+            assert np.linalg.norm(attitude_error(attitude.quaternion, truth)) < np.radians(0.1)
+            found += 1
+    assert found >= 8
+
+
+def test_spots_that_do_not_move_with_the_stars_are_left_out():
+    photograph, hot = Photograph(np.zeros((1040, 1392), np.uint8)), [(300, 45), (900, 700)]
+    solver, moving, tracked = PhotographSolver(YEAR, OPTIONS), ImageSequence(), ImageSequence()
+    when = Epoch(YEAR, 'today', False)
+    for ra_deg in (30.0, 80.0, 150.0):
+        frame = st.SkySimulator(NARROW, YEAR, motion='constant_rate', ra_deg=ra_deg, dec_deg=40.0,
+                                rate_deg_s=(0.0, 0.0, 0.0)).frame(0.0)
+        image = frame.image.copy()
+        for u, v in hot:
+            # As wide as a star.
+            image[v - 1:v + 2, u - 1:u + 2] += np.array(
+                [[5, 20, 5], [20, 80, 20], [5, 20, 5]], image.dtype) * 8
+        solution = replace(solver.solve(image, NARROW), photograph=photograph._replace(image=image))
+        moving.add(f'{ra_deg}', photograph, when, solution)
+        for number in range(2 if ra_deg == 30.0 else 0):
+            tracked.add(f'{number}', photograph, when, solution)
+    fixed = moving.known(photograph, when).fixed
+    apart = np.linalg.norm(fixed[:, None] - hot, axis=2)
+    assert (apart.min(axis=1) < 1).all() and (apart.min(axis=0) < 1).all()
+    # Of one attitude, as a mount keeps it, any spot may be a star.
+    assert not len(tracked.known(photograph, when).fixed)
+    near = [np.linalg.norm(each.uv[:, None] - hot, axis=2).min()
+            for each in (*Detections(image, fixed), Detections(image, fixed).peaks)]
+    assert min(near) > 1.5
+    assert np.linalg.norm(Detections(image).peaks.uv[:, None] - hot, axis=2).min() < 1
 
 
 def test_images_of_one_camera_are_solved_by_the_lens_of_the_one_before(sky_data):
@@ -249,7 +298,8 @@ def solution_of(quaternion, photograph):
     attitude = AttitudeEstimate(quaternion, np.eye(3) * 1e-12, 4, np.zeros(4), 1.0)
     found = Identification('identified', '', np.arange(1, 5), np.ones(4), np.zeros(4), attitude,
                            1.0, 1e-9)
-    return Solution(spots(np.ones((4, 2)), np.ones(4)), found, WIDE, photograph=photograph)
+    return Solution(spots(np.ones((4, 2)), np.ones(4)), found, WIDE, photograph=photograph,
+                    sky=SkyMapping(WIDE, quaternion))
 
 
 def test_mirrored_images_are_solved_and_said(sky_data, tmp_path):
@@ -293,4 +343,4 @@ def test_a_narrow_field_that_is_given_is_found_by_its_quads():
     solution = solver.solve(frame.image, nominal)
     assert np.linalg.norm(attitude_error(solution.quaternion, frame.q_mean)) < 60 * ARCSEC
     assert solution.dropped is None and solution.lens_from == ''
-    assert '_database' not in vars(solver._known(nominal).identify.__self__)
+    assert '_database' not in vars(solver._ladder(nominal))

@@ -14,7 +14,7 @@ namespace st {
 namespace {
 
 constexpr int MOST_SPOTS = 80;
-constexpr int FEWEST = 5;  // matches that P_few is for at least
+constexpr int FEWEST = 4;  // matches that P_few is for at least
 // Matched stars, the brightest, whose order is tested.
 constexpr int ORDERED = 12;
 // Cells along one side of the image, of whose matches one counts: two of six stars are soon so close
@@ -155,6 +155,7 @@ double probability_of(const Search &search, const StarMatch &found, const bool *
     for (int i = 0; i < count; ++i) {
         if (chosen[i]) {
             ++matches.m;
+            matches.j = i + 1;
             matches.k = std::max(matches.k, rank[i]);
             matches.square += found.residual[i] * found.residual[i];
         }
@@ -178,8 +179,9 @@ void verify_few(const Search &search, const int32_t base[3], const int32_t star[
     }
     auto *chosen = work.take<bool>(static_cast<size_t>(stars.count));
     auto *rank = work.take<int32_t>(static_cast<size_t>(stars.count));
-    const int cells = occupied_cells(stars, found.star, field.area, CELLS, chosen, work);
-    const FewMatches all{cells,
+    occupied_cells(stars, found.star, field.area, CELLS, chosen, work);
+    const FewMatches all{stars.count,
+                         0,
                          0,
                          0,
                          count_in_image(verifier, found, verifier.sky.stars),
@@ -231,27 +233,34 @@ int32_t first_from(const st_triangle_table &table, int cell, double low) {
 }  // namespace
 
 double few_star_probability(const FewMatches &matches, double scale_error) {
-    const auto [n, m, k, stars, square, order, width, height] = matches;
-    if (m < FEWEST || k < m) {
+    const auto [n, m, j, k, stars, square, order, width, height] = matches;
+    if (m < FEWEST || j < m || k < m) {
         return 1.0;
     }
     const double area = width * height;
     double expected = 4 * M_PI / area * 4 * M_PI * scale_error * m * (m - 1) *
                       (width * width + height * height) / (12 * area);
+    double all = 2.0, brightest = 2.0;
     for (int i = 0; i < m; ++i) {
-        expected *= static_cast<double>(n - i) / (i + 1) * (k - i);
+        all *= static_cast<double>(n - i) / (i + 1);
+        brightest *= static_cast<double>(j - i) / (i + 1);
+        expected *= k - i;
     }
     for (int i = 0; i < m - 2; ++i) {
         expected *= M_PI * square / area / (i + 1);
     }
-    double ranks = 0.0, orders = 1.0;
+    double of_spots = 0.0, of_stars = 0.0, orders = 1.0;
+    for (int i = m; i <= n; ++i) {
+        of_spots += static_cast<double>(m) / i;
+    }
     for (int i = m; i <= std::max(k, stars); ++i) {
-        ranks += static_cast<double>(m) / i;
+        of_stars += static_cast<double>(m) / i;
     }
     for (int i = 2; i <= std::min(m, ORDERED); ++i) {
         orders += std::log(i);
     }
-    return std::fmin(1.0, expected * order * ranks * orders * std::ldexp(1.0, m - FEWEST + 1));
+    return std::fmin(1.0, expected * std::fmin(all, brightest * of_spots) * order * of_stars *
+                              orders * std::ldexp(1.0, m - FEWEST + 1));
 }
 
 double find_few_stars(const Verifier &verifier, const st_triangle_table &table,

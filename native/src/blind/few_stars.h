@@ -13,18 +13,23 @@
 // search has tested, leaves few stars little. How many wrong fields of the whole sky agree as well
 // can be said beforehand. Of n spots spread over an image of A = w h, m are matched with the sum X of
 // their squared residuals after attitude and focal length are fitted, and the faintest of them is
-// the k-th brightest catalogue star of the field. With the focal length known to a share e there are
-// by chance
+// the j-th brightest spot and the k-th brightest catalogue star of the field. With the focal length
+// known to a share e there are by chance
 //
-//     E = C(n, m) k! / (k - m)!  4 pi / A  4 pi e  m (m - 1) (w^2 + h^2) / (12 A)
+//     E = N k! / (k - m)!  4 pi / A  4 pi e  m (m - 1) (w^2 + h^2) / (12 A)
 //         (pi X / A)^(m - 2) / (m - 2)!
 //
-// such fields: the ways to choose the spots and the stars, the independent fields of the sky, the
-// volume of turn and scale, that of the similarity transforms of m points, and that of a ball of
-// their 2 m - 4 residuals. E does not depend on how rich a field is, nor on how it was found. Any k
-// up to the S stars of the field, any order of brightness and any m may make it small, so that
+// such fields: the N = C(j, m) ways to choose the spots and those to choose the stars, the
+// independent fields of the sky, the volume of turn and scale, that of the similarity transforms of m
+// points, and that of a ball of their 2 m - 4 residuals. E does not depend on how rich a field is, nor
+// on how it was found. Any j up to n, any k up to the S stars of the field, any order of brightness
+// and any m may make it small. As the brightest spots need not be the stars, N is
 //
-//     P_few = min(1, E P_3  sum_{j=m}^S m / j  (1 + ln m!)  2^(m - 4)),    m > 4,
+//     2 min(C(n, m), C(j, m) sum_{i=m}^n m / i)
+//
+// and so
+//
+//     P_few = min(1, E P_3  sum_{i=m}^S m / i  (1 + ln m!)  2^(m - 3)),    m > 3,
 //
 // each factor being what its choice adds to the expected number below a limit; P_3 is that of
 // identify/false_alarm.h.
@@ -36,14 +41,15 @@
 
 namespace st {
 
-/// The matches of an image: n image stars of which m are matched, the faintest with the k-th of so
-/// many stars of the field; square is X, order P_3, width and height in undistorted coordinates.
+/// The matches of an image: of n spots, the brightest first, m are matched, the faintest is the j-th,
+/// and the faintest star the k-th of so many of the field; square is X, order P_3, width and height
+/// in undistorted coordinates.
 struct FewMatches {
-    int n, m, k, stars;
+    int n, m, j, k, stars;
     double square, order, width, height;
 };
 
-/// Return P_few with the focal length known to a share; 1 for fewer than five matches.
+/// Return P_few with the focal length known to a share; 1 for fewer than four matches.
 double few_star_probability(const FewMatches &matches, double scale_error);
 
 /// Search the triangles of the brightest image stars until one is accepted, or for so much work, in

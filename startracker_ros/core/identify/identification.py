@@ -179,10 +179,14 @@ class Identifier(ABC):
         self.options = options
         self.magnitude_limit = options.magnitude_limit or limit_for(
             camera, catalog, self.stars_per_field)
-        self.scale_error = options.fov_error_percent / 100
         # Proper motion of a year is far below the tolerances: one database for the whole year.
         self.onboard = cached_onboard(catalog, camera, round(epoch_year), self.magnitude_limit)
         self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
+
+    @property
+    def scale_error(self) -> float:
+        """The error of the focal length, a share."""
+        return self.options.fov_error_percent / 100
 
     @cached_property
     def verifier(self) -> Verifier:
