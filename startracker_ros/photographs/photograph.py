@@ -34,8 +34,8 @@ from startracker_ros.photographs.unknown_lens import (
     FISHEYES, Lenses, RECTILINEAR, UnknownLensIdentifier)
 
 # Of the nominal camera and of any field; unknown lenses are certain. With a catalogue of the user
-# as well, near a position and anywhere. Quads of the field that is given may be wrong half as often,
-# and so may the lens of another image: by quads and by few stars, both of which are tried twice.
+# as well, near a position and anywhere. Quads of the field that is given may be wrong half as
+# often, and so may the lens of another image: by quads and by few stars, each tried twice.
 _SEARCHES, _TILED_SEARCHES, _OF_GIVEN, _OF_ANOTHER = 2, 4, 0.5, 0.125
 # A wider lens may be a part of a cropped image, or a fisheye, some of whose stars another lens
 # explains: these are searched too. A lens of the field that is given is mostly right.
@@ -77,7 +77,8 @@ class PhotographSolver:
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions(),
                  catalogue: TiledCatalogue | None = None) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        self._count = _SEARCHES + _OF_GIVEN + 4 * _OF_ANOTHER + (0 if catalogue is None else _TILED_SEARCHES)
+        self._count = _SEARCHES + _OF_GIVEN + 4 * _OF_ANOTHER + (
+            0 if catalogue is None else _TILED_SEARCHES)
         options = replace(options, false_alarm_max=options.false_alarm_max / self._count)
         self._fov_error = options.fov_error_percent / 100
         self._tiled = None if catalogue is None else TiledIdentifier(

@@ -4,8 +4,8 @@
 """
 What solved images of a camera tell about its next one.
 
-That is its lens, its attitude, the order of its pixels, and which spots do not move with the stars:
-hot pixels that compression or a mosaic has made as wide as a star.
+That is its lens, its attitude, the order of its pixels, and which spots do not move with the
+stars: hot pixels that compression or a mosaic has made as wide as a star.
 """
 
 from collections import Counter
@@ -139,6 +139,7 @@ class ImageSequence:
 
 def _pattern(image: np.ndarray, solution: Solution) -> _Pattern:
     """Return the spots of a solved image (H, W) that are not its stars."""
+    assert solution.sky is not None
     uv = CentroidExtractor().find_highest_peaks(image).uv
     stars = solution.centroids.uv[solution.identification.hip > 0]
     apart = np.linalg.norm(uv[:, None] - stars, axis=2)

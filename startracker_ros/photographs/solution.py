@@ -196,7 +196,8 @@ class Solution(Summarised):
             as float64 `magnitude` (V, of the catalogue, of close doubles together), `ra_deg` and
             `dec_deg` (of the centroid by this attitude and lens, ICRS), `u_px` and `v_px`
             (centroid, (0, 0) the centre of the top-left pixel), `flux_dn`, `snr`, `sigma_px`
-            (1 sigma per axis) and `residual_px` (centroid from catalogue). `pandas.DataFrame(solution.stars)` takes it.
+            (1 sigma per axis) and `residual_px` (centroid from catalogue).
+            `pandas.DataFrame(solution.stars)` takes it.
 
         """
         found = self.identification

@@ -4,8 +4,8 @@
 """
 The native blind search against a record of the functions in Python that it has replaced.
 
-blind.npz has their inputs and outputs: of skies that are drawn here, and of real photographs. Those
-of the search for few stars are its own, since its probability counts which spots are brightest.
+blind.npz has their inputs and outputs: of skies that are drawn here, and of real photographs.
+Those of few stars are of the native search, since its probability counts which spots are bright.
 """
 
 import ctypes

@@ -143,7 +143,8 @@ def test_spots_that_do_not_move_with_the_stars_are_left_out():
             # As wide as a star.
             image[v - 1:v + 2, u - 1:u + 2] += np.array(
                 [[5, 20, 5], [20, 80, 20], [5, 20, 5]], image.dtype) * 8
-        solution = replace(solver.solve(image, NARROW), photograph=photograph._replace(image=image))
+        solution = replace(solver.solve(image, NARROW),
+                           photograph=photograph._replace(image=image))
         moving.add(f'{ra_deg}', photograph, when, solution)
         for number in range(2 if ra_deg == 30.0 else 0):
             tracked.add(f'{number}', photograph, when, solution)

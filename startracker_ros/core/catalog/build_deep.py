@@ -213,8 +213,8 @@ def main() -> None:
     packed.update(component=stars['hip'][component].astype(np.int32), component_magnitude=np.rint(
         magnitude[component] / MAGNITUDE_STEP).astype(np.int16))
     np.savez_compressed(DEEP_FILE, **packed)
-    print(f'{DEEP_FILE}: {np.count_nonzero(~shipped)} stars, {DEEP_FILE.stat().st_size / 1e6:.1f} MB; '
-          f'{len(load_deep_catalog())} with Hipparcos')
+    print(f'{DEEP_FILE}: {np.count_nonzero(~shipped)} stars, '
+          f'{DEEP_FILE.stat().st_size / 1e6:.1f} MB; {len(load_deep_catalog())} with Hipparcos')
 
 
 if __name__ == '__main__':
