@@ -13,7 +13,7 @@ namespace st {
 namespace {
 
 constexpr double LARGEST_SIDE_PX = 65536;
-constexpr double PLANAR_LIMIT_DEG = 85, EQUIDISTANT_LIMIT_DEG = 175;
+constexpr double PLANAR_LIMIT_DEG = 85;
 constexpr int COEFFICIENTS[ST_LENS_MODEL_COUNT] = {5, 8, 4};
 // An equidistant lens that folds beyond this angle has an image circle; else its terms are wrong.
 constexpr double CIRCLE_RAD = 65 * M_PI / 180;
@@ -47,14 +47,18 @@ bool numbers_are_possible(const st_camera &camera, st_fault *fault) {
     return possible;
 }
 
-/// Whether the field of view, without distortion, is one that the model can have.
+/// Whether the field of view, without distortion, is one that the model can have. Pixels beyond the
+/// image circle of an equidistant lens have no direction.
 bool field_is_possible(const Lens &lens, st_fault *fault) {
+    if (lens.equidistant) {
+        return true;
+    }
     const double edges[4] = {(-0.5 - lens.cx) / lens.fx, (lens.width - 0.5 - lens.cx) / lens.fx,
                              (-0.5 - lens.cy) / lens.fy, (lens.height - 0.5 - lens.cy) / lens.fy};
-    const double limit_deg = lens.equidistant ? EQUIDISTANT_LIMIT_DEG : PLANAR_LIMIT_DEG;
     for (const double edge : edges) {
-        const double angle_deg = (lens.equidistant ? edge : std::atan(edge)) * 180 / M_PI;
-        if (!within("field of view to one side, deg", angle_deg, -limit_deg, limit_deg, fault)) {
+        const double angle_deg = std::atan(edge) * 180 / M_PI;
+        if (!within("field of view to one side, deg", angle_deg, -PLANAR_LIMIT_DEG,
+                    PLANAR_LIMIT_DEG, fault)) {
             return false;
         }
     }

@@ -81,6 +81,17 @@ def test_a_fisheye_of_180_deg_sees_its_sides():
     np.testing.assert_array_equal(camera.project([0.0, 0.0, 1.0]), [499.5, 249.5])
 
 
+def test_an_image_may_be_far_wider_than_the_sky_in_it():
+    """Of a stereographic lens: 3.5 focal lengths from its axis are 120 deg."""
+    camera = Camera(1920, 1080, 250.0, 250.0, 900.0, 540.0,
+                    (1 / 12, 1 / 120, 17 / 20160, 31 / 362880), EQUIDISTANT)
+    pixel = np.array([[900.0 + 250.0 * 2 * np.tan(np.radians(30.0)), 540.0]])
+    assert np.degrees(np.arccos(camera.unproject(pixel)[0, 2])) == pytest.approx(60.0, abs=0.01)
+    # The left edge of an ideal one would be at 206 deg: there is no sky.
+    ideal = Camera(1920, 1080, 250.0, 250.0, 900.0, 540.0, (0.0,) * 4, EQUIDISTANT)
+    assert np.isnan(ideal.unproject(np.array([[0.0, 540.0]]))).all()
+
+
 @pytest.mark.parametrize('equidistant', [False, True])
 def test_plane_points_are_undone(equidistant):
     vectors = np.random.default_rng(1).standard_normal((100, 3))
