@@ -14,7 +14,6 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
-from scipy.spatial import cKDTree
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 
@@ -40,7 +39,7 @@ class Detections:
 
     def __init__(self, image: np.ndarray, fixed: np.ndarray | None = None) -> None:
         self._image = image
-        self._fixed = None if fixed is None or not len(fixed) else cKDTree(fixed)
+        self._fixed = np.empty((0, 2)) if fixed is None else fixed
         self._extractor = CentroidExtractor()
         self._points = self._extractor.measure(image, points_only=True)
         self.extraction = self._points
@@ -68,9 +67,10 @@ class Detections:
 
     def _moving(self, spots: Centroids) -> Centroids:
         """Return the spots that are not at fixed places."""
-        if self._fixed is None or not len(spots):
+        if not len(self._fixed):
             return spots
-        return spots.select(self._fixed.query(spots.uv)[0] > _SAME_PX)
+        apart = np.linalg.norm(spots.uv[:, None] - self._fixed, axis=2)
+        return spots.select(apart.min(axis=1) > _SAME_PX)
 
     def _spots_of(self, index: int) -> Centroids:
         image = self._image
