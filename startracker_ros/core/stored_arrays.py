@@ -29,7 +29,7 @@ import zlib
 import numpy as np
 from startracker_ros.core.folders import cache_folder, limit_cache, mark_used, replaced
 
-FORMAT = 4
+FORMAT = 5
 """
 Of all stored arrays: their layout in a file, and what their builders put into them.
 

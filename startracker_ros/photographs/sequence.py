@@ -53,7 +53,7 @@ class _Solved(NamedTuple):
 
 
 class _Pattern(NamedTuple):
-    """Of a solved image: spots (N, 2) that are no known stars, and their directions (N, 3)."""
+    """Of a solved image: spots (N, 2) besides its known stars, and their directions (N, 3)."""
 
     uv: np.ndarray
     direction: np.ndarray

@@ -101,7 +101,7 @@ def join(hipparcos: Stars, gaia: Stars, tycho: Stars) -> Stars:
 
     hipparcos at J1991.25, gaia at J2016.0 without motion, tycho at J2000. Astrometry of Gaia
     where there is one, else of Hipparcos, else of Tycho-2; V of Hipparcos, else of Tycho-2, else
-    of G and colour. A component of a Hipparcos star that is not in Gaia is no star of its own.
+    of G and colour. A component of a Hipparcos star without a star of Gaia is left out.
     """
     years = GAIA_EPOCH_YEAR - CATALOG_EPOCH_YEAR
     in_tycho = _partner(gaia, moved(tycho, GAIA_EPOCH_YEAR - _TYCHO_EPOCH_YEAR))

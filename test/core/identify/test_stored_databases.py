@@ -41,7 +41,8 @@ BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 RECORDED = {
     1: '9138a28f44de102d6051a243bdbb18a1d4421b9745898394621756af86695683',
     3: 'fcad0ee6f7bef53675eecfa07bedffd205865288fb7ae410c9dd19b5af646971',
-    4: 'd6d49e5a73c888a535a40dd9cf8aec9f4d4e6d04de319fabe1f1897d9667c893'}
+    4: 'd6d49e5a73c888a535a40dd9cf8aec9f4d4e6d04de319fabe1f1897d9667c893',
+    5: 'd4bded6bad4bed712a8282939ebe94ca7ddf87509e03068101fc0cea912d8bed'}
 """Digest of what is built, by the FORMAT that it has."""
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 
